@@ -1,0 +1,60 @@
+"""Builds csm._core. Everything static is in pyproject.toml; switches are environment variables:
+CSM_SANITIZE=1 adds the address and undefined-behaviour sanitizers, CSM_WERROR=1 makes warnings fail.
+"""
+
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+import numpy
+from setuptools import Extension, setup
+from setuptools.command.build_ext import build_ext
+
+# In the order of the data, from values to pictures to Python.
+CORE = "status effects scene splits frustum light_basis snap cascades cull plan shader_source"
+GL = (
+    "debug context context_egl context_osmesa context_glfw program target mesh timer"
+    " pass_view pass_shadow_map pass_shadow_mask renderer"
+)
+PY = "errors arrays core_functions renderer_type module"
+FOLDERS = {"core": CORE, "gl": GL, "py": PY}
+SOURCES = [f"csrc/{folder}/{name}.c" for folder, names in FOLDERS.items() for name in names.split()]
+HEADERS = sorted(str(p) for p in Path("csrc").rglob("*") if p.suffix in (".h", ".def"))
+
+# Snapping depends on rounding: no -ffast-math, and no contraction so that all machines agree.
+FLAGS = "-std=c11 -Wall -Wextra -Wshadow -Wvla -fvisibility=hidden -ffp-contract=off".split()
+SANITIZE = "-fsanitize=address,undefined -fno-omit-frame-pointer -g".split()
+FLAGS += ["-Werror"] if os.environ.get("CSM_WERROR") == "1" else []
+SANITIZERS = SANITIZE if os.environ.get("CSM_SANITIZE") == "1" else []
+GLAD = Path("build/glad")
+
+
+class BuildWithLoader(build_ext):
+    """Generates the OpenGL loader first: one struct of pointers per context, no globals."""
+
+    def build_extension(self, ext):
+        loader = GLAD / "src/gl.c"
+        if not loader.exists() or loader.stat().st_mtime < Path("setup.py").stat().st_mtime:
+            command = "-m glad --quiet --reproducible --api=gl:core=4.5".split()
+            command += ["--extensions=GL_ARB_shader_draw_parameters", f"--out-path={GLAD}"]
+            subprocess.run([sys.executable, *command, "c", "--mx"], check=True)
+        ext.sources.append(str(loader))
+        super().build_extension(ext)
+
+
+setup(
+    ext_modules=[
+        Extension(
+            "csm._core",
+            SOURCES,
+            include_dirs=["csrc", numpy.get_include(), str(GLAD / "include")],
+            define_macros=[("_POSIX_C_SOURCE", "200809L")],
+            depends=["setup.py", *HEADERS],
+            extra_compile_args=FLAGS + SANITIZERS,
+            extra_link_args=SANITIZERS,
+            libraries=["dl", "m", "pthread"],
+        )
+    ],
+    cmdclass={"build_ext": BuildWithLoader},
+)
