@@ -1,0 +1,48 @@
+# make demo, make test: each does all the set-up that is missing, then its job.
+.PHONY: help demo test slow wheels bench lint format setup setup-dev clean
+
+PYTHON_VENV := .venv/bin/python
+PYTEST_ARGS ?=
+C_FILES = $(shell find csrc -name '*.[ch]')
+# GLFW needs a display; without one, a virtual one is enough.
+DISPLAYED = $(if $(DISPLAY),,$(if $(shell command -v xvfb-run 2>/dev/null),xvfb-run -a))
+
+help:
+	@echo 'make demo    pictures and numbers of real terrain, in ./demo'
+	@echo 'make test    the test suite; PYTEST_ARGS="-k splits" for a part of it'
+	@echo 'make slow    the long tests as well'
+	@echo 'make wheels  sdist, wheel from it, fast tests on Python 3.11, 3.12, 3.13'
+	@echo 'make bench   time per pass and the whole job, beside hand-written moderngl'
+	@echo 'make lint    ruff, clang-format, clang-tidy;  make format  applies the formats'
+
+setup:
+	@scripts/set_up.sh
+
+setup-dev:
+	@scripts/set_up.sh dev
+
+demo: setup
+	@scripts/demo.sh
+
+test: setup
+	@$(DISPLAYED) $(PYTHON_VENV) -m pytest $(PYTEST_ARGS)
+
+slow: setup
+	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -m 'slow or not slow' $(PYTEST_ARGS)
+
+wheels: setup-dev
+	@$(DISPLAYED) $(PYTHON_VENV) scripts/wheels.py
+
+bench: setup-dev
+	@$(PYTHON_VENV) benchmarks/bench_passes.py
+
+lint: setup-dev
+	@scripts/lint.sh
+
+format: setup-dev
+	@$(PYTHON_VENV) -m ruff format .
+	@$(PYTHON_VENV) -m ruff check --fix .
+	@clang-format -i $(C_FILES)
+
+clean:
+	rm -rf build dist *.egg-info csm/_core.*.so
