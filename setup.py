@@ -1,5 +1,5 @@
-"""Builds csm._core. Everything static is in pyproject.toml; switches are environment variables:
-CSM_SANITIZE=1 adds the address and undefined-behaviour sanitizers, CSM_WERROR=1 makes warnings fail.
+"""Builds csm._core; pyproject.toml holds everything static. Switches are environment variables:
+CSM_SANITIZE=1 adds address and undefined-behaviour sanitizers, CSM_WERROR=1 fails on warnings.
 """
 
 import os
