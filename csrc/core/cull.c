@@ -1,0 +1,213 @@
+/* cull.c: which chunks of the scene a pass must draw.
+ *
+ * In: world boxes, and a cascade's volume or a camera. Out: the boxes that may matter. What can
+ * throw a shadow into the picture through a cascade lies above the visible part of the view, seen
+ * from the light: inside its outline in light x, y, inside the cascade's window, and not wholly
+ * below it (SPEC 1.11). Every test errs towards drawing.
+ */
+#include <stdlib.h>
+
+#include "frustum.h"
+#include "linalg.h"
+
+/* A lookup compares depths on the plane of its receiver, up to margin away from it, where that
+ * plane lies deeper by its slope times margin. 128 is a surface half a degree from edge-on to the
+ * light. */
+#define STEEPEST_RECEIVER 128.0
+
+static int compare_points(const void *left, const void *right) {
+    const double *a = left, *b = right;
+    for (int axis = 0; axis < 2; axis++) {
+        if (a[axis] != b[axis]) {
+            return a[axis] < b[axis] ? -1 : 1;
+        }
+    }
+    return 0;
+}
+
+/* How far b lies to the right of the line from a to c, times its length. */
+static double right_of(const double a[2], const double b[2], const double c[2]) {
+    return (c[1] - a[1]) * (b[0] - a[0]) - (c[0] - a[0]) * (b[1] - a[1]);
+}
+
+/* Convex hull by Andrew's monotone chain, counter-clockwise. Points are sorted in place. A point
+ * within tolerance of the line between its neighbours is left out. Returns 0 if there are more than
+ * CSM_HULL_MAX corners. */
+static int convex_hull(double (*points)[2], int count, double tolerance, double (*out)[2]) {
+    qsort(points, (size_t)count, sizeof *points, compare_points);
+    int size = 0;
+    for (int half = 0; half < 2; half++) {
+        const int start = size; /* lower chain left to right, then the upper one back */
+        for (int i = 0; i < count; i++) {
+            const double *point = points[half == 0 ? i : count - 1 - i];
+            while (size - start >= 2) {
+                const double length =
+                    hypot(point[0] - out[size - 2][0], point[1] - out[size - 2][1]);
+                if (right_of(out[size - 2], out[size - 1], point) > tolerance * length) {
+                    break;
+                }
+                size--;
+            }
+            if (size == CSM_HULL_MAX) {
+                return 0;
+            }
+            memcpy(out[size++], point, sizeof out[0]);
+        }
+        size--; /* the last point begins the other chain */
+    }
+    return size;
+}
+
+/* Outline and lowest light z of what the camera sees between two depths inside the bounds. */
+static void outline_visible(const csm_cascades *cascades, const csm_camera *camera,
+                            double near_depth, double far_depth, csm_cull_volume *out) {
+    double points[CSM_CLIP_MAX][3], flat[CSM_CLIP_MAX][2], eye_ls[3];
+    int count;
+    if (cascades->bounded) {
+        double bounds[6];
+        box_widen(cascades->bounds, box_rounding(cascades->bounds), bounds);
+        count = csm_frustum_clip_box(camera, near_depth, far_depth, bounds, points);
+    } else {
+        csm_camera at_origin = *camera;
+        memset(at_origin.eye, 0, sizeof at_origin.eye);
+        csm_frustum_corners(&at_origin, near_depth, far_depth, points);
+        count = CSM_CORNER_COUNT;
+    }
+    if (count == 0) {
+        out->window[0] = out->window[1] = INFINITY;
+        out->window[2] = out->window[3] = -INFINITY;
+        return;
+    }
+    double lowest = INFINITY, largest = 0.0;
+    mat4_rotate(out->light_from_world, camera->eye, eye_ls);
+    for (int i = 0; i < count; i++) {
+        double point_ls[3];
+        mat4_rotate(out->light_from_world, points[i], point_ls);
+        memcpy(flat[i], point_ls, sizeof flat[i]);
+        lowest = fmin(lowest, point_ls[2]);
+        largest = fmax(largest, fmax(fabs(flat[i][0]), fabs(flat[i][1])));
+    }
+    /* Clipping finds a vertex several times, apart by rounding. */
+    out->hull_count = convex_hull(flat, count, 0x1p-48 * largest, out->hull);
+    for (int i = 0; i < out->hull_count; i++) {
+        out->hull[i][0] += eye_ls[0];
+        out->hull[i][1] += eye_ls[1];
+    }
+    out->lowest_z = eye_ls[2] + lowest - STEEPEST_RECEIVER * out->margin;
+}
+
+void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_camera *camera,
+                          int select, double margin_texels, bool whole_window,
+                          csm_cull_volume *out) {
+    memset(out, 0, sizeof *out);
+    memcpy(out->light_from_world, cascades->light_from_world[cascade],
+           sizeof out->light_from_world);
+    const double *clip_from_light = cascades->clip_from_light[cascade];
+    const double *texel_size = cascades->texel_size[cascade];
+    for (int axis = 0; axis < 2; axis++) {
+        const double half_sides = 1.0 / clip_from_light[5 * axis];
+        const double centre = -clip_from_light[12 + axis] * half_sides;
+        out->window[axis] = centre - half_sides;
+        out->window[axis + 2] = centre + half_sides;
+    }
+    /* One texel more: half of it to the centre of the texel that a lookup falls into, the rest for
+     * the rasteriser's own snapping. */
+    out->margin = (margin_texels + 1.0) * fmax(texel_size[0], texel_size[1]);
+    out->lowest_z = -INFINITY;
+    if (!whole_window) {
+        /* By map, a cascade also serves what its window holds of the slices behind its own. */
+        const int last = select == CSM_SELECT_MAP ? cascades->count : cascade + 1;
+        outline_visible(cascades, camera, cascades->splits[cascade], cascades->splits[last], out);
+    }
+}
+
+bool csm_cull_keep_box(const csm_cull_volume *volume, const double bounds[6]) {
+    const double *m = volume->light_from_world;
+    double half[3], world_centre[3], centre[3];
+    for (int axis = 0; axis < 3; axis++) {
+        half[axis] = 0.5 * (bounds[axis + 3] - bounds[axis]);
+        world_centre[axis] = bounds[axis] + half[axis];
+    }
+    mat4_rotate(m, world_centre, centre);
+    const double half_z = fabs(m[2]) * half[0] + fabs(m[6]) * half[1] + fabs(m[10]) * half[2];
+    if (centre[2] + half_z < volume->lowest_z) {
+        return false;
+    }
+    double low[2], high[2];
+    for (int axis = 0; axis < 2; axis++) {
+        const double reach = fabs(m[axis]) * half[0] + fabs(m[4 + axis]) * half[1] +
+                             fabs(m[8 + axis]) * half[2] + volume->margin;
+        low[axis] = centre[axis] - reach;
+        high[axis] = centre[axis] + reach;
+        if (high[axis] < volume->window[axis] || low[axis] > volume->window[axis + 2]) {
+            return false;
+        }
+    }
+    if (volume->hull_count == 0) {
+        return true;
+    }
+    /* Separating axes: light x and y against the hull, then each edge of the hull against the
+     * outline of the box, widened by the square that the margin is. */
+    bool beyond[4] = {true, true, true, true};
+    for (int i = 0; i < volume->hull_count; i++) {
+        const double *a = volume->hull[i];
+        const double *b = volume->hull[(i + 1) % volume->hull_count];
+        for (int axis = 0; axis < 2; axis++) {
+            beyond[axis] = beyond[axis] && a[axis] < low[axis];
+            beyond[axis + 2] = beyond[axis + 2] && a[axis] > high[axis];
+        }
+        const double inward[2] = {a[1] - b[1], b[0] - a[0]};
+        double reach = volume->margin * (fabs(inward[0]) + fabs(inward[1]));
+        for (int axis = 0; axis < 3; axis++) {
+            reach += fabs(inward[0] * m[4 * axis] + inward[1] * m[4 * axis + 1]) * half[axis];
+        }
+        if (inward[0] * (centre[0] - a[0]) + inward[1] * (centre[1] - a[1]) + reach < 0.0) {
+            return false;
+        }
+    }
+    return !beyond[0] && !beyond[1] && !beyond[2] && !beyond[3];
+}
+
+size_t csm_cull_items(const csm_geometry *geometry, const csm_cull_volume *volume,
+                      uint32_t *out_items) {
+    csm_cull_volume rounded = {0};
+    if (volume) {
+        const double rounding = box_rounding(geometry->bounds);
+        rounded = *volume;
+        rounded.margin += rounding;
+        rounded.lowest_z -= rounding;
+    }
+    size_t kept = 0;
+    for (size_t i = 0; i < geometry->item_count; i++) {
+        if (!volume || csm_cull_keep_box(&rounded, geometry->items[i].bounds)) {
+            out_items[kept++] = (uint32_t)i;
+        }
+    }
+    return kept;
+}
+
+size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camera,
+                           uint32_t *out_items) {
+    double planes[CSM_PLANE_COUNT][4];
+    csm_camera at_origin = *camera;
+    memset(at_origin.eye, 0, sizeof at_origin.eye);
+    csm_frustum_planes(&at_origin, camera->near_depth, camera->far_depth, planes);
+    const double rounding = box_rounding(geometry->bounds);
+    size_t kept = 0;
+    for (size_t i = 0; i < geometry->item_count; i++) {
+        const double *bounds = geometry->items[i].bounds;
+        bool meets = true;
+        for (int p = 0; meets && p < CSM_PLANE_COUNT; p++) {
+            double highest = planes[p][3] + rounding;
+            for (int axis = 0; axis < 3; axis++) {
+                const double end = planes[p][axis] > 0.0 ? bounds[axis + 3] : bounds[axis];
+                highest += planes[p][axis] * (end - camera->eye[axis]);
+            }
+            meets = highest >= 0.0;
+        }
+        if (meets) {
+            out_items[kept++] = (uint32_t)i;
+        }
+    }
+    return kept;
+}
