@@ -1,0 +1,136 @@
+"""Which triangle a ray meets (Embree, through embreex) and where (doubles): one tree per scene.
+
+embreex reads past arrays of unequal length, follows indices out of range and has no lower end for
+a ray; all three are dealt with here and nowhere else.
+"""
+
+import os
+import threading
+import weakref
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+
+__all__ = ["RayTree", "in_chunks", "tree_of"]
+
+CHUNK_RAYS = 1 << 16  # rays of one call into Embree, some milliseconds
+CHUNK_TRIANGLES = 1 << 17  # copied with the GIL held, about 0.15 s
+
+
+class RayTree:
+    """The triangles of a scene around its origin, as float32, and Embree's tree over them."""
+
+    def __init__(self, scene):
+        try:
+            from embreex.mesh_construction import TriangleMesh
+            from embreex.rtcore_scene import EmbreeScene
+        except ImportError as error:
+            raise ImportError(
+                "csm.truth needs embreex: pip install cascaded-shadow-maps[truth]"
+            ) from error
+        self.origin = scene.origin
+        self.bounds = scene.bounds - scene.origin
+        positions, triangles = scene.flatten(relative_to=scene.origin)
+        rounded = positions.astype(np.float32)
+        # (m, 3, 3): as separate triangles there are no indices that Embree could follow out of
+        # range. Shared corners stay bit-equal, which is what robust mode needs at edges.
+        self.corners = rounded[triangles]
+        self._embree = EmbreeScene(robust=True)
+        for first in range(0, len(self.corners), CHUNK_TRIANGLES):
+            TriangleMesh(self._embree, self.corners[first : first + CHUNK_TRIANGLES])
+        # The tree is built by the first call, which must be alone.
+        self.query(np.zeros((1, 3)), np.ones((1, 3)))
+
+    def query(self, origins, directions):
+        """Find the first triangle along each ray, -1 for none.
+
+        Takes two (m, 3) float arrays, returns (m,) int64.
+        """
+        if origins.shape != directions.shape or origins.shape[1:] != (3,):
+            raise AssertionError(f"rays of shapes {origins.shape} and {directions.shape}")
+        if not len(origins):
+            return np.zeros(0, np.int64)
+        found = self._embree.run(
+            np.ascontiguousarray(origins, np.float32),
+            np.ascontiguousarray(directions, np.float32),
+            query="INTERSECT",
+            output=True,
+        )
+        triangle = found["geomID"].astype(np.int64) * CHUNK_TRIANGLES + found["primID"]
+        return np.where(found["primID"] < 0, -1, triangle)
+
+    def meet(self, triangles, origins, directions, axis):
+        """Meet rays with the planes of the triangles that Embree says they hit, in doubles.
+
+        `axis` has ``axis . direction == 1``. The parameter is held within what the triangle's
+        corners span along the axis: at a triangle seen edge-on its plane says nothing.
+
+        Returns the ray parameter (m,) and the unit normal turned against the ray (m, 3).
+        """
+        corners = self.corners[triangles].astype(np.float64)
+        normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+        length = np.sqrt(np.einsum("ij,ij->i", normal, normal))
+        normal /= np.where(length > 0.0, length, 1.0)[:, None]
+        slope = np.einsum("ij,ij->i", normal, directions)
+        height = np.einsum("ij,ij->i", normal, corners[:, 0] - origins)
+        span = np.einsum("ikj,j->ik", corners - origins[:, None, :], axis)
+        low, high = span.min(axis=1), span.max(axis=1)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            parameter = np.clip(height / slope, low, high)
+        parameter = np.where(np.isnan(parameter), 0.5 * (low + high), parameter)
+        return parameter, np.where(slope[:, None] > 0.0, -normal, normal)
+
+    @staticmethod
+    def lifted(points, normals):
+        """Lift origins of shadow rays off their surface by two float32 steps.
+
+        Steps of the point's largest coordinate: a smaller lift rounds back onto the surface, a
+        larger one loses contact shadows.
+        """
+        lift = 2.0 * 2.0**-23 * np.abs(points).max(axis=1, initial=0.0)
+        return points + lift[:, None] * normals
+
+    def nearest_depth(self, camera):
+        """Return a view depth that nothing of the scene lies before [m]."""
+        corners = np.stack(np.meshgrid(*self.bounds.T), axis=-1).reshape(8, 3)
+        depths = (corners - (camera.eye - self.origin)) @ -camera.backward
+        return depths.min() - 0.01 * np.ptp(self.bounds, axis=0).max()
+
+
+_trees = weakref.WeakKeyDictionary()  # Scene to RayTree: one tree for any cameras and suns
+_trees_lock = threading.Lock()
+
+
+def tree_of(scene):
+    """Return the `RayTree` of a scene, built at the first call and kept while the scene lives."""
+    with _trees_lock:
+        tree = _trees.get(scene)
+        if tree is None:
+            tree = _trees[scene] = RayTree(scene)
+        return tree
+
+
+def in_chunks(work, count, progress=None):
+    """Call ``work(part, stop)`` for slices of ``range(count)`` on all cores.
+
+    An exception, Ctrl-C among them, leaves after the calls into Embree that are under way, each of
+    some milliseconds: `stop` is set and what has not begun is dropped.
+    """
+    stop = threading.Event()
+    parts = [slice(first, min(first + CHUNK_RAYS, count)) for first in range(0, count, CHUNK_RAYS)]
+    with ThreadPoolExecutor(_core_count()) as pool:
+        try:
+            futures = [pool.submit(work, part, stop) for part in parts]
+            for done, future in enumerate(futures, 1):
+                future.result()
+                if progress is not None:
+                    progress(done / len(futures))
+        except BaseException:
+            stop.set()
+            pool.shutdown(wait=False, cancel_futures=True)
+            raise
+
+
+def _core_count():
+    """Cores that this process may use."""
+    return len(os.sched_getaffinity(0))

@@ -1,0 +1,312 @@
+"""The truth: what exact rays say about every pixel.
+
+A ray through each pixel's centre finds the surface, a ray from there to the sun says whether it is
+lit. Everything is relative to ``scene.origin`` and rounded to float32 once, as on the GPU, so that
+what is judged is what was drawn; points and normals come from the rounded triangles in doubles.
+"""
+
+from dataclasses import dataclass, field
+
+import numpy as np
+
+from .camera import Camera
+from .embree import in_chunks, tree_of
+from .scene import Scene
+from .sun import Sun
+
+__all__ = ["Truth", "truth"]
+
+FACING = 1e-5  # n . L above which a surface faces the sun: below, rounding decides
+MAX_RAYS_PER_PIXEL = 1 << 16
+GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
+
+
+@dataclass(frozen=True, eq=False)
+class Truth:
+    """Ray-traced visibility of the sun from every pixel. Made by `truth`.
+
+    It pickles: arrays and inputs travel; `trace` builds its tree again where it arrives.
+
+    Attributes
+    ----------
+    mask : (h, w) float32
+        Visibility of the sun, 0 to 1, row 0 on top: of the disc's share that is seen with
+        ``rays_per_pixel > 1``, otherwise of a point sun at its centre. 1 where `valid` is False,
+        0 where a surface does not face the sun.
+    mask_point : (h, w) float32
+        Visibility of the point sun; `mask` itself unless the truth is soft.
+    valid : (h, w) bool
+        A surface is seen there, between the camera's near and far.
+    facing : (h, w) bool
+        The geometric normal, turned to the camera, has ``normal . to_light > 1e-5``.
+    position : (h, w, 3) float64
+        World point under the pixel's centre [m]; NaN where not valid.
+    normal : (h, w, 3) float64
+        Unit geometric normal, turned to the camera; 0 where not valid.
+    occluder_distance : (h, w) float64
+        Along the ray to the point sun, to the nearest triangle [m]; inf where the sun is seen or
+        no ray was sent (not valid, not facing).
+    scene, camera, sun
+        What was traced.
+    rays_per_pixel : int
+        As asked for.
+    """
+
+    mask: np.ndarray
+    mask_point: np.ndarray
+    valid: np.ndarray
+    facing: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    occluder_distance: np.ndarray
+    scene: Scene = field(repr=False)
+    camera: Camera = field(repr=False)
+    sun: Sun = field(repr=False)
+    rays_per_pixel: int
+
+    def trace(self, points, normals=None):
+        """Visibility of the point sun from any points of the world.
+
+        Parameters
+        ----------
+        points : (m, 3) array_like
+            World points [m], on a surface or anywhere.
+        normals : (m, 3) array_like, optional
+            Unit normals of the surfaces they lie on, turned to the side that is looked at. With
+            them a ray starts two float32 steps off its surface and a surface that does not face
+            the sun sees nothing of it, as in `mask`. Without, it starts two steps towards the sun,
+            which does not clear a surface that the light grazes.
+
+        Returns
+        -------
+        visibility : (m,) float32
+            1 where the sun is seen, 0 where not.
+
+        Raises
+        ------
+        ValueError
+            If an array is not (m, 3), not finite, or the two differ in length.
+        """
+        points = _points("points", points)
+        lift_along = np.broadcast_to(self.sun.to_light, points.shape)
+        if normals is not None:
+            lift_along = _points("normals", normals)
+            if len(lift_along) != len(points):
+                raise ValueError(
+                    "normals must be as many as points "
+                    f"(got {len(lift_along)} normals, {len(points)} points)"
+                )
+        tree = tree_of(self.scene)
+        visibility = np.zeros(len(points), np.float32)
+
+        def work(part, stop):
+            facing = np.flatnonzero(lift_along[part] @ self.sun.to_light > FACING)
+            origins = tree.lifted(points[part][facing] - tree.origin, lift_along[part][facing])
+            hit = tree.query(origins, np.broadcast_to(self.sun.to_light, origins.shape))
+            visibility[part][facing] = hit < 0
+
+        in_chunks(work, len(points))
+        return visibility
+
+
+def truth(scene, camera, sun, *, rays_per_pixel=1, progress=None):
+    """Trace what every pixel of a camera sees of the sun.
+
+    One ray per pixel centre finds the surface; from there one shadow ray goes to the sun's centre
+    and, for ``rays_per_pixel > 1``, that many more to points spread over its disc. The same input
+    gives the same bits, whatever the number of threads.
+
+    Parameters
+    ----------
+    scene : Scene
+        Every triangle is opaque and has two sides. The tree built for it is kept while it lives.
+    camera : Camera
+    sun : Sun
+        Its ``angular_diameter_deg`` counts only with more than one ray.
+    rays_per_pixel : int
+        1: a point sun. More, up to 65536: the share of the disc that is seen; a disc of diameter 0
+        is a point whatever the number.
+    progress : callable, optional
+        Called with the share done, 0 to 1, from the calling thread.
+
+    Returns
+    -------
+    truth : Truth
+
+    Raises
+    ------
+    ImportError
+        If embreex is missing.
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of range.
+
+    References
+    ----------
+    .. [Wald2014] Wald, Woop, Benthin, Johnson, Ernst: Embree: a kernel framework for efficient CPU
+       ray tracing. ACM Trans. Graph. 33(4), 2014. doi:10.1145/2601097.2601199
+    """
+    for name, value, kind in (
+        ("scene", scene, Scene),
+        ("camera", camera, Camera),
+        ("sun", sun, Sun),
+    ):
+        if not isinstance(value, kind):
+            raise TypeError(f"{name} must be a csm.{kind.__name__} (got {type(value).__name__})")
+    if not isinstance(rays_per_pixel, (int, np.integer)) or isinstance(rays_per_pixel, bool):
+        raise TypeError(f"rays_per_pixel must be an int (got {rays_per_pixel!r})")
+    if not 1 <= rays_per_pixel <= MAX_RAYS_PER_PIXEL:
+        raise ValueError(f"rays_per_pixel must be 1 to {MAX_RAYS_PER_PIXEL} (got {rays_per_pixel})")
+    soft = rays_per_pixel > 1 and sun.angular_diameter_deg > 0.0
+    tree = tree_of(scene)
+    width, height = camera.size
+    count = width * height
+    picture = _Picture.empty(count, soft)
+
+    def work(part, stop):
+        picture.trace(tree, camera, sun, part)
+        if soft:
+            picture.trace_disc(tree, sun, rays_per_pixel, part, stop)
+
+    in_chunks(work, count, progress)
+    shaped = {
+        name: array.reshape(height, width, *array.shape[1:])
+        for name, array in vars(picture).items()
+    }
+    return Truth(**shaped, scene=scene, camera=camera, sun=sun, rays_per_pixel=int(rays_per_pixel))
+
+
+@dataclass
+class _Picture:
+    """The arrays of a `Truth`, one entry per pixel; chunks write their own part."""
+
+    mask: np.ndarray
+    mask_point: np.ndarray
+    valid: np.ndarray
+    facing: np.ndarray
+    position: np.ndarray
+    normal: np.ndarray
+    occluder_distance: np.ndarray
+
+    @classmethod
+    def empty(cls, count, soft):
+        mask_point = np.ones(count, np.float32)
+        return cls(
+            mask=mask_point.copy() if soft else mask_point,
+            mask_point=mask_point,
+            valid=np.zeros(count, bool),
+            facing=np.zeros(count, bool),
+            position=np.full((count, 3), np.nan),
+            normal=np.zeros((count, 3)),
+            occluder_distance=np.full(count, np.inf),
+        )
+
+    def trace(self, tree, camera, sun, part):
+        """Find the surface under each pixel of `part`, and whether it sees the point sun."""
+        rows, columns = np.divmod(np.arange(part.start, part.stop), camera.size[0])
+        sources, directions = _pixel_rays(camera, tree.origin, rows, columns)
+        # With these directions the ray parameter is the view depth. Starting where the scene can
+        # start keeps float32 origins at the scene's own scale, however far away the camera is.
+        start = max(camera.near, tree.nearest_depth(camera))
+        hit = tree.query(sources + start * directions, directions)
+        seen = np.flatnonzero(hit >= 0)
+        depth, normal = tree.meet(hit[seen], sources[seen], directions[seen], -camera.backward)
+        within = (depth >= camera.near) & (depth <= camera.far)
+        seen, depth, normal = seen[within], depth[within], normal[within]
+        point = sources[seen] + depth[:, None] * directions[seen]
+        facing = normal @ sun.to_light > FACING
+
+        pixel = part.start + seen
+        self.valid[pixel] = True
+        self.facing[pixel] = facing
+        self.position[pixel] = point + tree.origin
+        self.normal[pixel] = normal
+        self.mask_point[pixel] = 0.0
+
+        pixel, point, normal = pixel[facing], point[facing], normal[facing]
+        to_light = np.broadcast_to(sun.to_light, point.shape)
+        blocker = tree.query(tree.lifted(point, normal), to_light)
+        self.mask_point[pixel] = blocker < 0
+        blocked = np.flatnonzero(blocker >= 0)
+        distance, _ = tree.meet(blocker[blocked], point[blocked], to_light[blocked], sun.to_light)
+        self.occluder_distance[pixel[blocked]] = np.maximum(distance, 0.0)
+
+    def trace_disc(self, tree, sun, rays, part, stop):
+        """Find the share of the sun's disc that each pixel of `part` sees."""
+        self.mask[part] = self.mask_point[part]
+        pixel = part.start + np.flatnonzero(self.facing[part])
+        normal = self.normal[pixel]
+        origins = tree.lifted(self.position[pixel] - tree.origin, normal)
+        seen = np.zeros(len(pixel), np.int64)
+        for ray in range(rays):
+            if stop.is_set():
+                return
+            directions = _disc_directions(sun, rays, ray, pixel)
+            # A part of the disc below the surface's own horizon is hidden by the surface.
+            above = np.einsum("ij,ij->i", directions, normal) > FACING
+            seen += above & (tree.query(origins, directions) < 0)
+        self.mask[pixel] = seen / rays
+
+
+def _pixel_rays(camera, origin, rows, columns):
+    """Return sources (m, 3) relative to `origin`, and directions (m, 3) per metre of view depth."""
+    width, height = camera.size
+    x = (2.0 * (columns + 0.5) / width - 1.0) * camera.half_width
+    y = (1.0 - 2.0 * (rows + 0.5) / height) * camera.half_height
+    across = x[:, None] * camera.right + y[:, None] * camera.up
+    eye = camera.eye - origin
+    if camera.orthographic:
+        return eye + across, np.broadcast_to(-camera.backward, across.shape)
+    return np.broadcast_to(eye, across.shape), across - camera.backward
+
+
+def _disc_directions(sun, rays, ray, pixel):
+    """Return unit directions to point `ray` of `rays` on the sun's disc, one for each pixel.
+
+    The disc is cut into `rays` rings of equal solid angle. Each gets one point: at the golden angle
+    from the ring before, so that points spread, anywhere across the ring, and all turned together
+    by an angle of the pixel's own, so that neighbours are not alike. For every pixel the mean over
+    such patterns is the mean over the disc.
+    """
+    area = (ray + _uniform(pixel, ray + 1)) / rays
+    angle = GOLDEN_ANGLE * ray + 2.0 * np.pi * _uniform(pixel, 0)
+    # 1 - cos of the half angle, without the cancellation: the real sun's is 1e-5.
+    drop = area * 2.0 * np.sin(np.radians(sun.angular_diameter_deg) / 4.0) ** 2
+    sine = np.sqrt(drop * (2.0 - drop))
+    z_axis = sun.to_light
+    x_axis = np.cross(z_axis, np.eye(3)[np.abs(z_axis).argmin()])
+    x_axis /= np.linalg.norm(x_axis)
+    y_axis = np.cross(z_axis, x_axis)
+    return (
+        (sine * np.cos(angle))[:, None] * x_axis
+        + (sine * np.sin(angle))[:, None] * y_axis
+        + (1.0 - drop)[:, None] * z_axis
+    )
+
+
+def _uniform(index, stream):
+    """Numbers in [0, 1) that depend on index and stream alone: the mixer of SplitMix64.
+
+    References
+    ----------
+    .. [Steele2014] Steele, Lea, Flood: Fast splittable pseudorandom number generators. OOPSLA
+       2014. doi:10.1145/2660193.2660195
+    """
+    state = index.astype(np.uint64) << np.uint64(20) | np.uint64(stream)
+    state *= np.uint64(0x9E3779B97F4A7C15)
+    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+    return ((state ^ (state >> np.uint64(31))) >> np.uint64(11)) * 2.0**-53
+
+
+def _points(name, value):
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiu" or array.ndim != 2 or array.shape[1] != 3:
+        raise ValueError(
+            f"{name} must be (m, 3) real numbers (got shape {array.shape}, dtype {array.dtype})"
+        )
+    array = array.astype(np.float64)
+    if not np.isfinite(array).all():
+        raise ValueError(
+            f"{name} must be finite (got {int((~np.isfinite(array)).sum())} that are not)"
+        )
+    return array
