@@ -96,7 +96,7 @@ class Camera:
         far=500.0,
         size=(1920, 1080),
     ):
-        """A perspective camera that looks from one point at another; pixels are square.
+        """Make a perspective camera that looks from one point at another; pixels are square.
 
         Parameters
         ----------
@@ -145,7 +145,7 @@ class Camera:
         return perspective_rh_zo(w, h, self.near, self.far)
 
     def translated(self, offset):
-        """The same camera, moved.
+        """Move the camera.
 
         Parameters
         ----------
@@ -159,7 +159,7 @@ class Camera:
         return self.replace(eye=self.eye + as_vector("offset", offset))
 
     def replace(self, **changes):
-        """The same camera with some fields changed.
+        """Change some fields.
 
         Parameters
         ----------
@@ -218,7 +218,7 @@ class Camera:
 def _orthographic(
     cls, eye, target, up=(0.0, 1.0, 0.0), height=10.0, near=0.1, far=500.0, size=(1920, 1080)
 ):
-    """A camera of parallel rays that looks from one point at another; pixels are square.
+    """Make a camera of parallel rays that looks from one point at another; pixels are square.
 
     Parameters
     ----------

@@ -186,8 +186,11 @@ def _read_npz(path):
 
 
 def _cell_size_of_degrees(data):
-    """(east, north) [m] at the middle latitude; which of ymin and ymax is larger does not matter,
-    because row 0 is north by contract and some files have them swapped."""
+    """Return the cell's sides (east, north) [m] at the middle latitude.
+
+    Which of ymin and ymax is larger does not matter: row 0 is north by contract, and files with
+    the two swapped exist.
+    """
     dx, dy, ymin, ymax = (float(data[key]) for key in ("dx", "dy", "ymin", "ymax"))
     east, north = degree_size(0.5 * (ymin + ymax))
     return abs(dx) * east, abs(dy) * north

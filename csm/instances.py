@@ -21,7 +21,7 @@ SINGULAR = 1e-12
 
 
 def checked_instance_mesh(instance_mesh, mesh_count):
-    """Mesh of each instance, (k,) int32 read-only; None is every mesh once.
+    """Check the mesh of each instance: (k,) int32 read-only; None is every mesh once.
 
     Raises TypeError or ValueError with what is wrong.
     """
@@ -40,7 +40,7 @@ def checked_instance_mesh(instance_mesh, mesh_count):
 
 
 def checked_transforms(world_from_instance, count):
-    """Affine, invertible matrices, (count, 4, 4) float64 read-only; None is the identity.
+    """Check affine matrices: (count, 4, 4) float64 read-only; None is the identity.
 
     Raises TypeError or ValueError with the first instance that is wrong.
     """
@@ -73,7 +73,7 @@ def _invertible(linear):
 
 
 def measured_bounds(meshes, instance_mesh, world_from_instance):
-    """Lower and upper corner of every drawn vertex, (2, 3) float64 read-only, world [m].
+    """Measure the corners of every drawn vertex: (2, 3) float64 read-only, world [m].
 
     Raises ValueError if the scene is too large for float32 shaders.
     """
@@ -94,7 +94,7 @@ def measured_bounds(meshes, instance_mesh, world_from_instance):
 
 
 def chosen_origin(bounds):
-    """The bounds' centre rounded to a power of two of at most 1 m, (3,) float64 read-only.
+    """Round the bounds' centre to a power of two of at most 1 m: (3,) float64, read-only.
 
     The step is at most 1/512 of the extent, so float32 loses nothing by it; moving a scene by whole
     metres then moves the origin by exactly as much.
@@ -102,11 +102,11 @@ def chosen_origin(bounds):
     lower, upper = bounds
     extent = float((upper - lower).max())
     step = 1.0 if extent <= 0.0 else min(1.0, 2.0 ** (np.floor(np.log2(extent)) - 10.0))
-    return frozen(np.round((lower + 0.5 * (upper - lower)) / step) * step)
+    return frozen(np.round((lower + 0.5 * (upper - lower)) / step) * step + 0.0)  # no -0
 
 
 def flattened(meshes, instance_mesh, world_from_instance, relative_to):
-    """Every instance baked: positions (n, 3) float64 minus `relative_to`, triangles (m, 3) int32.
+    """Bake instances: positions (n, 3) float64 minus `relative_to`, triangles (m, 3) int32.
 
     The point is subtracted from the translations before they are applied, so that large
     coordinates cost no precision. Faces of mirroring instances are flipped. Raises ValueError if

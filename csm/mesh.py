@@ -93,7 +93,7 @@ def _checked_triangles(triangles, vertex_count, label):
 
 
 def drop_unused(positions, triangles):
-    """The same triangles over only the positions they use, whose order is kept."""
+    """Keep only the positions that triangles use, in their order, and renumber the triangles."""
     used = np.zeros(len(positions), bool)
     used[triangles] = True
     if used.all():

@@ -126,7 +126,7 @@ class Scene:
 
     @classmethod
     def from_arrays(cls, positions, triangles, *, name="", cameras=None, suns=None):
-        """A scene of one mesh.
+        """Make a scene of one mesh.
 
         Parameters
         ----------
@@ -150,7 +150,7 @@ class Scene:
 
     @classmethod
     def from_elevation(cls, heights, cell_size, origin=None, *, name="", cameras=None, suns=None):
-        """A terrain from a grid of heights, two triangles per cell.
+        """Make a terrain from a grid of heights, two triangles per cell.
 
         Parameters
         ----------
@@ -190,7 +190,7 @@ class Scene:
         )
 
     def merge(self, *scenes):
-        """This scene and others in one: ``Scene.merge(a, b, c)`` or ``a.merge(b, c)``.
+        """Put scenes together: ``Scene.merge(a, b, c)`` or ``a.merge(b, c)``.
 
         Nothing is moved (see `placed`) and meshes that are the same object are stored once. Of
         cameras and suns with one name the first scene's wins; name and georeference are the first
@@ -246,7 +246,7 @@ class Scene:
         )
 
     def with_ground(self, y=0.0, size=None):
-        """The scene with a horizontal ground of two triangles under it.
+        """Add a horizontal ground of two triangles.
 
         Parameters
         ----------
@@ -281,7 +281,7 @@ class Scene:
         return self.merge(Scene([mesh], world_from_instance=world_from_ground))
 
     def placed(self, offset=(0.0, 0.0, 0.0), *, scale=1.0, turn_deg=0.0):
-        """The scene scaled, then turned about the y axis, then moved; cameras and suns too.
+        """Scale the scene, turn it about the y axis, then move it; cameras and suns too.
 
         Parameters
         ----------
@@ -326,15 +326,15 @@ class Scene:
         )
 
     def at(self, clip, seconds):
-        """The scene with its animated parts posed; what else is in it stays.
+        """Pose the animated parts that have a clip; what else is in the scene stays.
 
         Parameters
         ----------
         clip : str
             One of `clips`.
         seconds : float
-            Time in the clip [s]. Clips repeat: the time is taken modulo the duration, so the end
-            is the start again.
+            Time in the clip [s], 0 to its duration; outside the clip repeats (the time is taken
+            modulo the duration).
 
         Returns
         -------
@@ -363,7 +363,7 @@ class Scene:
         return self._with(meshes=meshes, world_from_instance=transforms)
 
     def replace(self, **changes):
-        """The same scene with another `name`, `cameras`, `suns` or `georeference`.
+        """Change `name`, `cameras`, `suns` or `georeference`.
 
         Parameters
         ----------
@@ -419,7 +419,7 @@ class Scene:
         return sum(len(mesh.triangles) for mesh in self.meshes)
 
     def flatten(self, relative_to=(0.0, 0.0, 0.0)):
-        """Every instance baked into one pair of arrays.
+        """Bake every instance into one pair of arrays.
 
         Parameters
         ----------
@@ -485,7 +485,7 @@ def _checked_views(what, views, kind):
 
 
 def _moved_camera(camera, moved, scale):
-    """The camera under a similarity: what it sees of the moved scene is what it saw before."""
+    """Move a camera by a similarity: of the moved scene it sees what it saw before."""
     axes = {
         name: transform_directions(moved, getattr(camera, name)) / scale
         for name in ("right", "up", "backward")

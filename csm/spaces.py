@@ -26,7 +26,7 @@ PARALLEL_RAD = 1e-6
 
 
 def as_number(name, value, low=-math.inf, high=math.inf, *, rule=None):
-    """A finite float in [low, high], or a sentence that says what is wrong.
+    """Check that a value is a finite number in [low, high].
 
     Parameters
     ----------
@@ -63,7 +63,7 @@ def as_number(name, value, low=-math.inf, high=math.inf, *, rule=None):
 
 
 def as_vector(name, value, length=3):
-    """A read-only float64 vector of finite numbers, or a sentence that says what is wrong.
+    """Copy a value to a read-only float64 vector of finite numbers.
 
     Parameters
     ----------
@@ -95,13 +95,13 @@ def as_vector(name, value, length=3):
 
 
 def frozen(array):
-    """The same array, made read-only."""
+    """Make an array read-only and return it."""
     array.flags.writeable = False
     return array
 
 
 def real_array(name, value):
-    """The value as an array of real numbers of whatever shape; TypeError if it is none."""
+    """Convert to an array of real numbers of whatever shape; TypeError if it is none."""
     try:
         array = np.asarray(value)
     except (TypeError, ValueError) as error:
@@ -112,7 +112,7 @@ def real_array(name, value):
 
 
 def unit(name, value):
-    """The direction of a vector, read-only (3,) float64; ValueError if it has no length."""
+    """Normalise a vector, read-only (3,) float64; ValueError if it has no length."""
     vector = as_vector(name, value)
     largest = np.abs(vector).max()
     if largest == 0.0:
@@ -236,7 +236,7 @@ def ortho_rh_zo(left, right, bottom, top, near, far):
 
 
 def sun_direction(azimuth_deg, elevation_deg):
-    """Unit vector to the sun from its angles.
+    """Point to the sun: the unit vector of its angles.
 
     Parameters
     ----------

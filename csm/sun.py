@@ -48,7 +48,7 @@ class Sun:
 
     @classmethod
     def from_angles(cls, azimuth_deg, elevation_deg, angular_diameter_deg=0.0):
-        """A sun by its angles in the world's axes.
+        """Make a sun from its angles in the world's axes.
 
         Parameters
         ----------
@@ -67,7 +67,7 @@ class Sun:
 
     @classmethod
     def from_compass(cls, azimuth_deg, elevation_deg, angular_diameter_deg=0.0):
-        """A sun by its compass bearing, as almanacs give it.
+        """Make a sun from its compass bearing, as almanacs give it.
 
         Parameters
         ----------
