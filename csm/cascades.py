@@ -1,0 +1,127 @@
+"""Cascades: the light windows that cover the view, as matrices."""
+
+from dataclasses import dataclass, fields
+
+import numpy as np
+
+from . import _core
+
+__all__ = ["Cascades", "fit_cascades"]
+
+
+@dataclass(frozen=True, eq=False)
+class Cascades:
+    """Splits, matrices, texel grid and depth range of n cascades; arrays are read-only.
+
+    Attributes
+    ----------
+    splits : (n + 1,) float64
+        Ascending view depths [m]; cascade i is fitted to ``splits[i]`` to ``splits[i + 1]``.
+    light_from_world : (n, 4, 4) float64
+        Rotation about the world origin; light +z is `to_light`.
+    clip_from_light, clip_from_world : (n, 4, 4) float64
+        Clip x, y in [-1, 1], z from 0 at the caster side to 1.
+    uvz_from_world : (n, 4, 4) float64
+        u, v in [0, 1] over the map, (0, 0) at its lower left; z as in clip space.
+    texel_size : (n, 2) float64
+        Along light x and y [m].
+    lattice : (n, 2) int64
+        Lower corner of the window in texels from the world origin; all 0 if not snapped.
+    depth_range : (n, 2) float64
+        Light-view depths [m], the negative of light z, of clip z 0 and 1.
+    map_size : (n,) int32
+        Texels along a side.
+    range_step : int or None
+        k where the view range was rounded up to ``near * 2**(k / 4)``, else None. Given back as
+        `held_step` for the next frame it keeps the range from flickering between two steps.
+
+    Notes
+    -----
+    Matrices are composed in double. A point at a distance d from the world origin lands within
+    ``4 * 2**-52 * d / texel_size`` texels of its place: 1e-4 texels for d = 1e8 m and texels of
+    1 mm.
+    """
+
+    splits: np.ndarray
+    light_from_world: np.ndarray
+    clip_from_light: np.ndarray
+    clip_from_world: np.ndarray
+    uvz_from_world: np.ndarray
+    texel_size: np.ndarray
+    lattice: np.ndarray
+    depth_range: np.ndarray
+    map_size: np.ndarray
+    range_step: int | None = None
+
+    def __post_init__(self):
+        self._freeze()
+
+    def __setstate__(self, state):
+        self.__dict__.update(state)
+        self._freeze()
+
+    def _freeze(self):
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+
+    @property
+    def count(self):
+        """Number of cascades."""
+        return len(self.map_size)
+
+    def __repr__(self):
+        splits = ", ".join(f"{split:.4g}" for split in self.splits)
+        return f"Cascades(count={self.count}, splits=[{splits}] m)"
+
+
+def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held_step=None):
+    """Light windows for the slices of a camera's view; needs no OpenGL.
+
+    Parameters
+    ----------
+    camera : Camera
+    sun : Sun
+    settings : ShadowSettings
+    scene : Scene, optional
+        Its bounds cut the view range (``view_range="scene"``) and give the depth range, which
+        then does not depend on the camera. Without it the range is the camera's, and the depth
+        range holds each slice and as much again towards the light.
+    receivers : (m, 3) array_like, optional
+        World points [m]. Only fits to visible receivers read them; `sphere`, `box`, `diameter`
+        and `scene` do not.
+    held_step : int, optional
+        `range_step` of the frame before: kept while at most one step too far.
+
+    Returns
+    -------
+    cascades : Cascades
+
+    Raises
+    ------
+    TypeError, ValueError
+        If camera, sun and settings do not go together (a split that needs near > 0, a map smaller
+        than its kernel, manual splits outside the view range) or `receivers` has another shape.
+
+    Notes
+    -----
+    The range of ``view_range="scene"`` is rounded up so that texel sizes stay constant while the
+    camera moves. An orthographic camera whose near is not positive has no ratio to round by: its
+    far is only cut to the scene.
+    """
+    if receivers is not None:
+        receivers = np.asarray(receivers)
+        if receivers.ndim != 2 or receivers.shape[1] != 3 or receivers.dtype.kind not in "fiu":
+            raise ValueError(
+                "receivers must be (m, 3) numbers "
+                f"(got shape {receivers.shape}, dtype {receivers.dtype})"
+            )
+    fitted = _core.fit_cascades(
+        camera,
+        sun.to_light,
+        settings,
+        scene_bounds=None if scene is None else scene.bounds.ravel(),
+        held_step=held_step,
+    )
+    return Cascades(**fitted)
