@@ -16,7 +16,7 @@ import csm
 from csm import scenes
 
 GOALS = {50_000: 0.8, 1_000_000: 0.6}  # wall time of csm over that of the peer
-VIEW = ("street", "morning")  # camera and sun of the town
+VIEW = ("roofs", "afternoon")  # camera and sun of the town
 MAP_SIZE = 2048
 
 

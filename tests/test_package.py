@@ -1,0 +1,159 @@
+"""The package as others get it: what an import needs, a missing extra says, an sdist holds."""
+
+import importlib.metadata
+import re
+import shutil
+import subprocess
+import sys
+import tarfile
+import tomllib
+from pathlib import Path
+
+import pytest
+
+import csm
+
+ROOT = Path(__file__).resolve().parents[1]
+OPTIONAL = (
+    "trimesh",
+    "embreex",
+    "matplotlib",
+    "PIL",
+    "rich",
+    "xarray",
+    "dask",
+    "rasterio",
+    "scipy",
+)
+
+# Pretends that modules are not installed: None in sys.modules makes their import fail.
+WITHOUT = "import sys\nfor name in {names!r}: sys.modules[name] = None\n"
+
+
+def run_python(code, *, without=OPTIONAL, cwd=None):
+    """stdout of a fresh interpreter in which modules are not installed."""
+    done = subprocess.run(
+        [sys.executable, "-W", "error", "-c", WITHOUT.format(names=without) + code],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=cwd,
+    )
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def project():
+    """The [project] table of pyproject.toml."""
+    return tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+
+
+def test_import_needs_numpy_alone():
+    code = "import csm\nprint(*{m.partition('.')[0] for m in sys.modules if sys.modules[m]})"
+    loaded = set(run_python(code).split())
+    beside = loaded - sys.stdlib_module_names - {"__main__", "csm", "numpy", "_distutils_hack"}
+    assert not {name for name in beside if not name.startswith(("_", "sitecustomize"))}
+
+
+def test_import_opens_no_gl_library():
+    code = "import csm\nprint(open('/proc/self/maps').read())"
+    opened = re.findall(r"lib(?:EGL|GL|OSMesa|glfw|gallium)[^/\s]*\.so\S*", run_python(code))
+    assert not opened
+
+
+def test_every_public_name_exists():
+    assert len(csm.__all__) == len(set(csm.__all__))
+    missing = [name for name in csm.__all__ if not hasattr(csm, name)]
+    assert not missing
+
+
+MISSING = {
+    "mesh": ("trimesh", "open('a.obj', 'w').write('v 0 0 0'); csm.load('a.obj')"),
+    "truth": (
+        "embreex",
+        "scene = csm.scenes.plane_and_box()\n"
+        "csm.truth(scene, scene.cameras['corner'], scene.suns['diagonal'])",
+    ),
+    "plot": ("matplotlib", "csm.scenes.demo_terrain()"),
+}
+
+
+@pytest.mark.parametrize("extra", MISSING)
+def test_missing_extra_names_the_pip_command(extra, tmp_path):
+    module, call = MISSING[extra]
+    lines = "".join(f"    {line}\n" for line in call.splitlines())
+    code = f"import csm\ntry:\n{lines}except ImportError as error:\n    print(error)\n"
+    said = run_python(code, without=(module,), cwd=tmp_path)
+    assert module in said
+    assert re.search(rf"pip install '?\"?cascaded-shadow-maps\[{extra}\]", said), said
+
+
+def test_version_has_one_source():
+    assert csm.__version__ == project()["version"]
+    assert importlib.metadata.version("cascaded-shadow-maps") == csm.__version__
+    assert f"## {csm.__version__}\n" in (ROOT / "CHANGELOG.md").read_text()
+
+
+def test_all_holds_every_extra_for_users():
+    extras = project()["optional-dependencies"]
+    (everything,) = extras["all"]
+    named = set(re.search(r"\[(.*)\]", everything)[1].split(","))
+    assert named == set(extras) - {"all", "dev", "test"}
+    assert set(extras) >= {"mesh", "truth", "plot", "sweep", "cluster", "notebooks", "geo", "dev"}
+
+
+def tracked():
+    """Files that git knows, or None outside a checkout."""
+    done = subprocess.run(
+        ["git", "ls-files"], capture_output=True, text=True, check=False, cwd=ROOT
+    )
+    return done.stdout.split() if done.returncode == 0 and (ROOT / ".git").exists() else None
+
+
+@pytest.fixture(scope="module")
+def sdist_names(tmp_path_factory):
+    """Names in an sdist made of a copy of this tree, without the leading folder."""
+    folder = tmp_path_factory.mktemp("sdist")
+    # Without the egg-info, whose list of files would be added to whatever MANIFEST.in says.
+    left = shutil.ignore_patterns(
+        ".git", ".venv", "build", "dist", "demo", "*.egg-info", ".*_cache"
+    )
+    shutil.copytree(ROOT, folder / "tree", ignore=left)
+    code = "import sys\nfrom setuptools import build_meta\nbuild_meta.build_sdist(sys.argv[1])"
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(folder)],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=folder / "tree",
+    )
+    assert done.returncode == 0, done.stderr
+    with tarfile.open(next(folder.glob("*.tar.gz"))) as archive:
+        return {name.partition("/")[2] for name in archive.getnames()}
+
+
+def test_sdist_holds_all_that_a_build_and_the_tests_need(sdist_names):
+    folders = ("csrc", "csm", "shaders", "tests", "docs")
+    wanted = {"pyproject.toml", "setup.py", "README.md", "LICENSE", "CHANGELOG.md", "MANIFEST.in"}
+    known = tracked()
+    if known is None:  # from an unpacked sdist: what lies here is what it held
+        known = [str(p.relative_to(ROOT)) for f in folders for p in (ROOT / f).rglob("*")]
+        known = [name for name in known if Path(ROOT, name).is_file()]
+        known = [n for n in known if not n.endswith((".so", ".pyc"))]
+    wanted |= {name for name in known if name.startswith(tuple(f"{f}/" for f in folders))}
+    assert not wanted - sdist_names
+
+
+def test_sdist_holds_nothing_that_was_built(sdist_names):
+    built = [n for n in sdist_names if n.endswith((".so", ".o", ".pyc")) or n.startswith("build/")]
+    assert not built
+
+
+def test_installed_package_holds_shaders_and_types():
+    files = {str(file) for file in importlib.metadata.files("cascaded-shadow-maps") or ()}
+    if any(name.startswith("__editable__") for name in files):
+        pytest.skip("an editable install lists no files")
+    shaders = {f"csm/{p.relative_to(ROOT)}" for p in (ROOT / "shaders").rglob("*.*") if p.is_file()}
+    shaders = {name for name in shaders if not name.endswith(".pyc")}
+    assert shaders <= files
+    assert {"csm/py.typed", "csm/_core.pyi"} <= files
