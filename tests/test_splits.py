@@ -3,14 +3,13 @@
 import math
 
 import numpy as np
+import oracles
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
 import csm
 from csm import _core
-
-import oracles
 
 NEARS = [1e-4, 1e-3, 0.1, 1.0, 1e3]
 RATIOS = [1.001, 10.0, 1e3, 1e6, 1e10]

@@ -262,15 +262,8 @@ static PyObject *snap_window(PyObject *module, PyObject *args, PyObject *kwargs)
                          new_array(1, shape, NPY_INT64, lattice));
 }
 
-/* What a fit reads; desc points into settings and bounds of the same struct. */
-typedef struct fit_arguments {
-    csm_settings settings;
-    double bounds[6];
-    csm_cascades_desc desc;
-} fit_arguments;
-
-static int parse_fit(PyObject *camera, PyObject *to_light, PyObject *settings, PyObject *bounds,
-                     PyObject *held_step, fit_arguments *out) {
+int csm_py_parse_fit(PyObject *camera, PyObject *to_light, PyObject *settings, PyObject *bounds,
+                     PyObject *held_step, csm_py_fit *out) {
     memset(out, 0, sizeof *out);
     if (csm_py_parse_camera(camera, &out->desc.camera) < 0 ||
         csm_py_vector(to_light, "to_light", 3, out->desc.to_light) < 0 ||
@@ -288,7 +281,7 @@ static int parse_fit(PyObject *camera, PyObject *to_light, PyObject *settings, P
     return 0;
 }
 
-static PyObject *new_cascades(const csm_cascades *cascades) {
+PyObject *csm_py_new_cascades(const csm_cascades *cascades) {
     const int n = cascades->count;
     const npy_intp edges[1] = {n + 1}, each[1] = {n}, pairs[2] = {n, 2};
     PyObject *range_step = cascades->range_step == INT_MIN ? Py_NewRef(Py_None)
@@ -313,10 +306,10 @@ PyDoc_STRVAR(fit_cascades_doc,
 static PyObject *fit_cascades(PyObject *module, PyObject *args, PyObject *kwargs) {
     static char *names[] = {"camera", "to_light", "settings", "scene_bounds", "held_step", NULL};
     PyObject *camera, *to_light, *settings, *bounds = Py_None, *held_step = Py_None;
-    fit_arguments arguments;
+    csm_py_fit arguments;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO|OO:fit_cascades", names, &camera, &to_light,
                                      &settings, &bounds, &held_step) ||
-        parse_fit(camera, to_light, settings, bounds, held_step, &arguments) < 0) {
+        csm_py_parse_fit(camera, to_light, settings, bounds, held_step, &arguments) < 0) {
         return NULL;
     }
     csm_cascades cascades;
@@ -324,20 +317,13 @@ static PyObject *fit_cascades(PyObject *module, PyObject *args, PyObject *kwargs
     if (csm_cascades_fit(&arguments.desc, &cascades, &err) != CSM_OK) {
         return csm_py_raise(module, &err);
     }
-    return new_cascades(&cascades);
+    return csm_py_new_cascades(&cascades);
 }
 
 /* Boxes (m, 6) as the items of a geometry; items are PyMem_Malloc'ed. */
 static int parse_boxes(PyObject *object, const double bounds[6], csm_geometry *out) {
-    PyArrayObject *boxes =
-        (PyArrayObject *)PyArray_FROMANY(object, NPY_DOUBLE, 2, 2, NPY_ARRAY_CARRAY_RO);
+    PyArrayObject *boxes = csm_py_rows(object, "boxes", NPY_DOUBLE, 6);
     if (!boxes) {
-        return -1;
-    }
-    if (PyArray_DIM(boxes, 1) != 6) {
-        PyErr_Format(PyExc_ValueError, "boxes: expected (m, 6), got (%zd, %zd)",
-                     (Py_ssize_t)PyArray_DIM(boxes, 0), (Py_ssize_t)PyArray_DIM(boxes, 1));
-        Py_DECREF(boxes);
         return -1;
     }
     out->item_count = (size_t)PyArray_DIM(boxes, 0);
@@ -369,11 +355,11 @@ static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) 
     PyObject *camera, *to_light, *settings, *bounds, *boxes;
     int cascade, whole_window = 0;
     double margin_texels = 0.0;
-    fit_arguments arguments;
+    csm_py_fit arguments;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOOOi|dp:cull_boxes", names, &camera,
                                      &to_light, &settings, &bounds, &boxes, &cascade,
                                      &margin_texels, &whole_window) ||
-        parse_fit(camera, to_light, settings, bounds, Py_None, &arguments) < 0) {
+        csm_py_parse_fit(camera, to_light, settings, bounds, Py_None, &arguments) < 0) {
         return NULL;
     }
     csm_cascades cascades;
