@@ -15,9 +15,9 @@ from setuptools.command.build_ext import build_ext
 CORE = "status effects scene splits frustum light_basis snap cascades cull plan shader_source"
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
-    " pass_view pass_shadow_map pass_shadow_mask renderer"
+    " uniforms pass_view pass_shadow_map pass_shadow_mask renderer"
 )
-PY = "errors arrays core_functions renderer_type module"
+PY = "errors arrays core_functions settings_functions renderer_type module"
 FOLDERS = {"core": CORE, "gl": GL, "py": PY}
 SOURCES = [f"csrc/{folder}/{name}.c" for folder, names in FOLDERS.items() for name in names.split()]
 HEADERS = sorted(str(p) for p in Path("csrc").rglob("*") if p.suffix in (".h", ".def"))

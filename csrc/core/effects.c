@@ -1,0 +1,174 @@
+/* effects.c: the effect table, validation, canonical form, what a pass sees of it.
+ *
+ * In: csm_settings. Out: the same with meaningless values zeroed, the #define list and the cache key of
+ * a pass, and the bias in the terms the shader knows.
+ */
+#include "csm.h"
+
+#include <math.h>
+#include <stdio.h>
+#include <string.h>
+
+static const csm_effect_info effect_table[CSM_EFFECT_COUNT] = {
+#define CSM_EFFECT(id, name, type, default_value, min, max, passes, choices, help)                 \
+    {#id, name, CSM_TYPE_##type, default_value, min, max, passes, choices, help},
+#include "csm_effects.def"
+#undef CSM_EFFECT
+};
+
+#define MAX_MAP_SIZE 65536
+
+const csm_effect_info *csm_effect_describe(int effect) { return &effect_table[effect]; }
+
+csm_settings csm_settings_default(void)
+{
+    csm_settings settings = {.lam = 0.5};
+    for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
+        settings.effects[i] = effect_table[i].default_value;
+    }
+    for (int i = 0; i < CSM_MAX_CASCADES; i++) {
+        settings.map_size[i] = 2048;
+    }
+    return settings;
+}
+
+static void check_number(csm_error *err, const char *name, double value, double low, double high)
+{
+    if (!(value >= low && value <= high)) {
+        csm_fail_more(err, "%s must be a number from %g to %g (got %g)", name, low, high, value);
+    }
+}
+
+static void check_manual_splits(const csm_settings *settings, int count, csm_error *err)
+{
+    for (int i = 0; i < count - 1; i++) {
+        double here = settings->manual_splits[i];
+        if (!isfinite(here) || (i > 0 && !(here > settings->manual_splits[i - 1]))) {
+            csm_fail_more(err, "manual_splits must be %d ascending view depths [m] (number %d is %g)",
+                          count - 1, i + 1, here);
+            return;
+        }
+    }
+}
+
+csm_status csm_settings_validate(const csm_settings *settings, csm_error *err)
+{
+    csm_error problems = {0};
+    for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
+        const csm_effect_info *row = &effect_table[i];
+        int value = settings->effects[i];
+        if (value < row->min || value > row->max) {
+            csm_fail_more(&problems, "%s must be %d to %d (got %d)", row->name, row->min, row->max,
+                          value);
+        }
+    }
+    int count = settings->effects[CSM_EFFECT_CASCADE_COUNT];
+    int filter_size = settings->effects[CSM_EFFECT_FILTER_SIZE];
+    if (filter_size > 2 && filter_size % 2 == 0) {
+        csm_fail_more(&problems, "filter_size must be odd, or 2 (got %d)", filter_size);
+    }
+    for (int i = 0; i < count && i < CSM_MAX_CASCADES; i++) {
+        if (settings->map_size[i] < 1 || settings->map_size[i] > MAX_MAP_SIZE) {
+            csm_fail_more(&problems, "map_size must be 1 to %d texels (got %d)", MAX_MAP_SIZE,
+                          settings->map_size[i]);
+            break;
+        }
+    }
+    check_number(&problems, "lam", settings->lam, 0.0, 1.0);
+    check_number(&problems, "constant_bias_texels", settings->constant_bias_texels, -1e6, 1e6);
+    check_number(&problems, "slope_bias", settings->slope_bias, -1e6, 1e6);
+    check_number(&problems, "normal_offset_texels", settings->normal_offset_texels, -1e6, 1e6);
+    if (settings->effects[CSM_EFFECT_SPLIT] == CSM_SPLIT_MANUAL && count >= 1 &&
+        count <= CSM_MAX_CASCADES) {
+        check_manual_splits(settings, count, &problems);
+    }
+    if (problems.status != CSM_OK && err) {
+        *err = problems;
+    }
+    return problems.status;
+}
+
+static void reset(csm_settings *settings, csm_effect effect)
+{
+    settings->effects[effect] = effect_table[effect].default_value;
+}
+
+void csm_settings_canonical(csm_settings *settings)
+{
+    int *effects = settings->effects;
+    bool automatic = effects[CSM_EFFECT_BIAS] == CSM_BIAS_AUTO;
+    bool two_by_two =
+        effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
+
+    if (effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
+        csm_settings plain = csm_settings_default();
+        plain.effects[CSM_EFFECT_FILTER] = CSM_FILTER_NONE;
+        *settings = plain;
+        return;
+    }
+    if (effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 1) {
+        effects[CSM_EFFECT_FILTER] = CSM_FILTER_HARD; /* a 1 x 1 kernel is one nearest compare */
+    }
+    if (effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
+        reset(settings, CSM_EFFECT_FILTER_SIZE);
+    }
+    if (effects[CSM_EFFECT_SPLIT] != CSM_SPLIT_PRACTICAL) {
+        settings->lam = 0.5;
+    }
+    if (effects[CSM_EFFECT_SPLIT] != CSM_SPLIT_MANUAL) {
+        memset(settings->manual_splits, 0, sizeof settings->manual_splits);
+    }
+    if (effects[CSM_EFFECT_CASCADE_COUNT] == 1) {
+        reset(settings, CSM_EFFECT_SPLIT);
+        settings->lam = 0.5;
+    }
+    for (int i = effects[CSM_EFFECT_CASCADE_COUNT]; i < CSM_MAX_CASCADES; i++) {
+        settings->map_size[i] = 0;
+    }
+    if (automatic) {
+        settings->constant_bias_texels = 0.0;
+        settings->slope_bias = 0.0;
+        settings->normal_offset_texels = 0.0;
+        effects[CSM_EFFECT_RECEIVER_PLANE] = !two_by_two;
+    }
+    effects[CSM_EFFECT_NORMAL_OFFSET] = settings->normal_offset_texels != 0.0;
+}
+
+int csm_settings_kernel_radius(const csm_settings *settings)
+{
+    if (settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
+        return 0;
+    }
+    return settings->effects[CSM_EFFECT_FILTER_SIZE] / 2;
+}
+
+double csm_depth_quantum(int depth_format)
+{
+    /* 32F holds [0.5, 1) in steps of 2^-24, the same as 24 bits over the whole range */
+    return depth_format == CSM_DEPTH_D16 ? 1.0 / 65535.0 : ldexp(1.0, -24);
+}
+
+csm_bias csm_settings_bias(const csm_settings *settings)
+{
+    const int *effects = settings->effects;
+    if (effects[CSM_EFFECT_BIAS] == CSM_BIAS_MANUAL) {
+        return (csm_bias){
+            .receiver_plane = effects[CSM_EFFECT_RECEIVER_PLANE] != 0,
+            .constant_texels = settings->constant_bias_texels,
+            .slope_texels = settings->slope_bias,
+            .normal_offset_texels = settings->normal_offset_texels,
+        };
+    }
+    /* SPEC 1.13: at the fetched texel's centre the receiver's plane is exact but for half a quantum and
+     * float32 rounding (4 ulp of the range); a quarter texel of slope covers meshes, whose facet at the
+     * texel's centre may be another. The hardware's 2x2 compare has one reference depth for four texels,
+     * up to a whole texel away along each axis. */
+    bool two_by_two =
+        effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
+    double quantum = csm_depth_quantum(effects[CSM_EFFECT_DEPTH_FORMAT]);
+    return (csm_bias){
+        .receiver_plane = !two_by_two,
+        .slope_texels = two_by_two ? 1.25 : 0.25,
+        .quanta = 0.5 + 4.0 * ldexp(1.0, -24) / quantum,
+    };
+}

@@ -1,0 +1,179 @@
+/* plan.c: canonical settings to an ordered list of passes, textures and program keys; no GL.
+ *
+ * What a setting or an output does not call for is absent here, hence absent on the GPU: target.c
+ * allocates exactly these textures, renderer.c runs exactly these steps.
+ */
+#include "csm.h"
+
+#include <stdio.h>
+#include <string.h>
+
+#define MASK_OUTPUTS                                                                               \
+    (CSM_OUT_MASK | CSM_OUT_VALID | CSM_OUT_VIEW_DEPTH | CSM_OUT_CASCADE_INDEX | CSM_OUT_NORMAL)
+
+static const struct {
+    const char *name;
+    unsigned effects; /* CSM_PASS_* that the pass compiles for */
+    unsigned outputs; /* CSM_OUT_* that change its code */
+} passes[CSM_STEP_COUNT] = {
+    [CSM_STEP_VIEW] = {"view", CSM_PASS_VIEW, 0},
+    [CSM_STEP_SHADOW_MAP] = {"shadow_map", CSM_PASS_SHADOW_MAP, 0},
+    [CSM_STEP_SHADOW_MASK] = {"shadow_mask", CSM_PASS_SHADOW_MASK, MASK_OUTPUTS},
+    [CSM_STEP_SHADOW_POINTS] = {"shadow_points", CSM_PASS_SHADOW_MASK, 0},
+};
+
+static const struct {
+    const char *name;
+    unsigned bit;
+} output_names[] = {
+    {"MASK", CSM_OUT_MASK},
+    {"VALID", CSM_OUT_VALID},
+    {"VIEW_DEPTH", CSM_OUT_VIEW_DEPTH},
+    {"CASCADE_INDEX", CSM_OUT_CASCADE_INDEX},
+    {"NORMAL", CSM_OUT_NORMAL},
+};
+
+const char *csm_pass_name(csm_pass pass) { return passes[pass].name; }
+
+/* 0 where the pass does not see the effect, so that a sweep over it compiles nothing. */
+static int seen(csm_pass pass, const csm_settings *canonical, int effect)
+{
+    bool visible = csm_effect_describe(effect)->passes & passes[pass].effects;
+    return visible ? canonical->effects[effect] : 0;
+}
+
+static uint64_t hash(uint64_t key, uint64_t value)
+{
+    for (int byte = 0; byte < 8; byte++) { /* FNV-1a */
+        key = (key ^ ((value >> (8 * byte)) & 0xffu)) * 0x100000001b3u;
+    }
+    return key;
+}
+
+uint64_t csm_program_key(csm_pass pass, const csm_settings *canonical, unsigned outputs)
+{
+    uint64_t key = hash(0xcbf29ce484222325u, (uint64_t)pass);
+    for (int effect = 0; effect < CSM_EFFECT_COUNT; effect++) {
+        key = hash(key, (uint64_t)seen(pass, canonical, effect));
+    }
+    return hash(key, outputs & passes[pass].outputs);
+}
+
+typedef struct text_out {
+    char *text;
+    size_t size, length;
+} text_out;
+
+static void define(text_out *out, const char *group, const char *name, size_t name_length, int value)
+{
+    size_t room = out->length < out->size ? out->size - out->length : 0;
+    char *at = room ? out->text + out->length : NULL;
+    out->length += (size_t)snprintf(at, room, "#define CSM_%s%s%.*s %d\n", group, *group ? "_" : "",
+                                    (int)name_length, name, value);
+}
+
+static void define_choices(text_out *out, const csm_effect_info *row)
+{
+    int value = 0;
+    for (const char *at = row->choices; *at; value++) {
+        size_t length = strcspn(at, " ");
+        char upper[32] = {0};
+        for (size_t i = 0; i < length && i < sizeof upper - 1; i++) {
+            upper[i] = at[i] >= 'a' && at[i] <= 'z' ? (char)(at[i] - 'a' + 'A') : at[i];
+        }
+        define(out, row->id, upper, strlen(upper), value);
+        at += length + (at[length] == ' ');
+    }
+}
+
+size_t csm_program_defines(csm_pass pass, const csm_settings *canonical, unsigned outputs,
+                           char *text, size_t size)
+{
+    text_out out = {text, size, 0};
+    for (int effect = 0; effect < CSM_EFFECT_COUNT; effect++) {
+        const csm_effect_info *row = csm_effect_describe(effect);
+        define(&out, "", row->id, strlen(row->id), seen(pass, canonical, effect));
+        define_choices(&out, row);
+    }
+    unsigned used = outputs & passes[pass].outputs;
+    for (size_t i = 0; i < sizeof output_names / sizeof *output_names; i++) {
+        define(&out, "OUT", output_names[i].name, strlen(output_names[i].name),
+               (used & output_names[i].bit) != 0);
+    }
+    return out.length;
+}
+
+static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_settings *canonical)
+{
+    uint64_t key = csm_program_key(pass, canonical, plan->outputs);
+    plan->steps[plan->step_count++] = (csm_plan_step){pass, cascade, key};
+    for (int i = 0; i < plan->program_count; i++) {
+        if (plan->program_keys[i] == key) {
+            return;
+        }
+    }
+    plan->program_passes[plan->program_count] = pass;
+    plan->program_keys[plan->program_count++] = key;
+}
+
+static void add_texture(csm_plan *plan, const char *name, const char *format, int width, int height,
+                        int layers, int texel_bytes)
+{
+    csm_plan_texture *texture = &plan->textures[plan->texture_count++];
+    snprintf(texture->name, sizeof texture->name, "%s", name);
+    snprintf(texture->format, sizeof texture->format, "%s", format);
+    texture->width = width;
+    texture->height = height;
+    texture->layers = layers;
+    texture->bytes = (uint64_t)width * (uint64_t)height * (uint64_t)layers * (uint64_t)texel_bytes;
+    plan->bytes += texture->bytes;
+}
+
+csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
+                         csm_plan *out, csm_error *err)
+{
+    static const struct {
+        const char *name;
+        int bytes;
+    } formats[] = {[CSM_DEPTH_D32F] = {"d32f", 4}, [CSM_DEPTH_D24] = {"d24", 4},
+                   [CSM_DEPTH_D16] = {"d16", 2}};
+    csm_settings canonical = *settings;
+    csm_settings_canonical(&canonical);
+    int count = canonical.effects[CSM_EFFECT_CASCADE_COUNT];
+    int size = canonical.map_size[0];
+    bool shadowed = canonical.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;
+    bool maps = shadowed && (outputs & (CSM_OUT_MASK | CSM_OUT_SHADOW_MAPS | CSM_OUT_POINTS));
+
+    if (!outputs) {
+        return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT, "outputs must name at least one output");
+    }
+    for (int i = 1; i < count && shadowed; i++) {
+        if (canonical.map_size[i] != size) {
+            return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                            "map_size must be equal for all cascades of an array (got %d and %d)",
+                            size, canonical.map_size[i]);
+        }
+    }
+    memset(out, 0, sizeof *out);
+    out->outputs = outputs;
+    if (outputs & MASK_OUTPUTS) {
+        add_step(out, CSM_STEP_VIEW, -1, &canonical);
+        add_texture(out, "view_ids", "rg32ui", width, height, 1, 8);
+        add_texture(out, "view_depth", "d32f", width, height, 1, 4);
+    }
+    if (maps) {
+        for (int i = 0; i < count; i++) {
+            add_step(out, CSM_STEP_SHADOW_MAP, i, &canonical);
+        }
+        int format = canonical.effects[CSM_EFFECT_DEPTH_FORMAT];
+        add_texture(out, "shadow_maps", formats[format].name, size, size, count,
+                    formats[format].bytes);
+    }
+    if (outputs & MASK_OUTPUTS) {
+        add_step(out, CSM_STEP_SHADOW_MASK, -1, &canonical);
+    }
+    if ((outputs & CSM_OUT_POINTS) && shadowed) {
+        add_step(out, CSM_STEP_SHADOW_POINTS, -1, &canonical);
+    }
+    return CSM_OK;
+}

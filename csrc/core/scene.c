@@ -1,0 +1,441 @@
+/* scene.c: meshes and instances to what is drawn: origin-relative float32 positions, triangles sorted
+ * into compact chunks, the plane of every triangle, and one culling box per chunk and instance.
+ *
+ * In: double positions and transforms. Out: csm_geometry. What is rounded to float32 here is what the GPU
+ * rasterises and what the ray-traced truth must round alike (positions minus the scene's origin).
+ */
+#include "csm.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Small enough that a chunk is compact against a cascade, large enough that a million triangles make
+ * some thousand boxes: culling all of them stays below a tenth of a millisecond per cascade. */
+#define CHUNK_TRIANGLES 384u
+#define MORTON_BITS 10
+
+typedef struct sort_key {
+    uint32_t code, triangle;
+} sort_key;
+
+typedef struct mesh_use {
+    size_t first_vertex, first_triangle;
+    int32_t count, first_place; /* how often the mesh occurs; where its instances begin in order */
+    double pivot[3];            /* what its local positions are relative to when stored once */
+} mesh_use;
+
+/* Everything a build needs beside its input and output. */
+typedef struct scene_build {
+    const csm_scene_desc *desc;
+    mesh_use *uses;       /* one per mesh */
+    int32_t *order;       /* instances, grouped by mesh */
+    int32_t *row;         /* row of csm_geometry.instances, one per instance */
+    sort_key *keys;       /* triangles of the mesh at hand */
+    csm_geometry *out;
+    size_t chunk, item;   /* written so far */
+} scene_build;
+
+static void transform_point(const double m[16], const double p[3], double out[3])
+{
+    for (int row = 0; row < 3; row++) {
+        out[row] = m[row] * p[0] + m[4 + row] * p[1] + m[8 + row] * p[2] + m[12 + row];
+    }
+}
+
+static double determinant(const double m[16])
+{
+    return m[0] * (m[5] * m[10] - m[9] * m[6]) - m[4] * (m[1] * m[10] - m[9] * m[2]) +
+           m[8] * (m[1] * m[6] - m[5] * m[2]);
+}
+
+static bool all_finite(const double *values, size_t count)
+{
+    for (size_t i = 0; i < count; i++) {
+        if (!isfinite(values[i])) {
+            return false;
+        }
+    }
+    return true;
+}
+
+static csm_status check_mesh(const csm_mesh_view *mesh, int number, csm_error *err)
+{
+    if (!mesh->vertex_count || !mesh->triangle_count) {
+        return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                        "mesh %d must have vertices and triangles (got %zu and %zu)", number,
+                        mesh->vertex_count, mesh->triangle_count);
+    }
+    if (!all_finite(mesh->positions, 3 * mesh->vertex_count)) {
+        return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                        "positions of mesh %d must be finite (got NaN or inf)", number);
+    }
+    for (size_t i = 0; i < 3 * mesh->triangle_count; i++) {
+        if (mesh->triangles[i] < 0 || (size_t)mesh->triangles[i] >= mesh->vertex_count) {
+            return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                            "triangles of mesh %d must index its %zu vertices (got %d)", number,
+                            mesh->vertex_count, (int)mesh->triangles[i]);
+        }
+    }
+    return CSM_OK;
+}
+
+static csm_status check_scene(const csm_scene_desc *desc, csm_error *err)
+{
+    if (desc->mesh_count < 1 || desc->instance_count < 1) {
+        return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                        "a scene must have at least one mesh and one instance (got %d and %d)",
+                        desc->mesh_count, desc->instance_count);
+    }
+    for (int i = 0; i < desc->mesh_count; i++) {
+        csm_status status = check_mesh(&desc->meshes[i], i, err);
+        if (status != CSM_OK) {
+            return status;
+        }
+    }
+    for (int i = 0; i < desc->instance_count; i++) {
+        const double *m = desc->world_from_instance + 16 * (size_t)i;
+        if (desc->instance_mesh[i] < 0 || desc->instance_mesh[i] >= desc->mesh_count) {
+            return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                            "instance %d must name one of %d meshes (got %d)", i, desc->mesh_count,
+                            (int)desc->instance_mesh[i]);
+        }
+        if (!all_finite(m, 16) || determinant(m) == 0.0) {
+            return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                            "the transform of instance %d must be finite and invertible", i);
+        }
+    }
+    return CSM_OK;
+}
+
+static uint32_t spread_bits(uint32_t x)
+{
+    uint32_t out = 0;
+    for (int bit = 0; bit < MORTON_BITS; bit++) {
+        out |= ((x >> bit) & 1u) << (3 * bit);
+    }
+    return out;
+}
+
+static int by_code(const void *a, const void *b)
+{
+    const sort_key *ka = a, *kb = b;
+    if (ka->code != kb->code) {
+        return ka->code < kb->code ? -1 : 1;
+    }
+    return ka->triangle < kb->triangle ? -1 : ka->triangle > kb->triangle;
+}
+
+static void grow(double bounds[6], const double p[3])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        bounds[axis] = fmin(bounds[axis], p[axis]);
+        bounds[3 + axis] = fmax(bounds[3 + axis], p[axis]);
+    }
+}
+
+static void empty_bounds(double bounds[6])
+{
+    for (int axis = 0; axis < 3; axis++) {
+        bounds[axis] = INFINITY;
+        bounds[3 + axis] = -INFINITY;
+    }
+}
+
+static void mesh_bounds(const csm_mesh_view *mesh, double bounds[6])
+{
+    empty_bounds(bounds);
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        grow(bounds, mesh->positions + 3 * v);
+    }
+}
+
+/* Order of the mesh's triangles along a Morton curve of their centroids. */
+static void sort_triangles(const csm_mesh_view *mesh, sort_key *keys)
+{
+    double bounds[6];
+    mesh_bounds(mesh, bounds);
+    double extent = fmax(bounds[3] - bounds[0], fmax(bounds[4] - bounds[1], bounds[5] - bounds[2]));
+    double scale = extent > 0.0 ? ((1 << MORTON_BITS) - 1) / extent : 0.0;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        uint32_t code = 0;
+        for (int axis = 0; axis < 3; axis++) {
+            double sum = 0.0;
+            for (int corner = 0; corner < 3; corner++) {
+                sum += mesh->positions[3 * (size_t)mesh->triangles[3 * t + corner] + axis];
+            }
+            code |= spread_bits((uint32_t)((sum / 3.0 - bounds[axis]) * scale)) << axis;
+        }
+        keys[t] = (sort_key){code, (uint32_t)t};
+    }
+    qsort(keys, mesh->triangle_count, sizeof *keys, by_code);
+}
+
+/* Unit normal and offset of a triangle from its rounded corners: the plane that is rasterised. */
+static void plane_of(const float *a, const float *b, const float *c, float out[4])
+{
+    double e[3], f[3], n[3];
+    for (int axis = 0; axis < 3; axis++) {
+        e[axis] = (double)b[axis] - a[axis];
+        f[axis] = (double)c[axis] - a[axis];
+    }
+    n[0] = e[1] * f[2] - e[2] * f[1];
+    n[1] = e[2] * f[0] - e[0] * f[2];
+    n[2] = e[0] * f[1] - e[1] * f[0];
+    double length = sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]);
+    if (!(length > 0.0)) {
+        memset(out, 0, 4 * sizeof *out);
+        return;
+    }
+    double offset = 0.0;
+    for (int axis = 0; axis < 3; axis++) {
+        n[axis] /= length;
+        offset += n[axis] * a[axis];
+        out[axis] = (float)n[axis];
+    }
+    out[3] = (float)offset;
+}
+
+/* Positions relative to the scene's origin, or to the mesh's pivot if it is stored once for many. */
+static void write_vertices(const scene_build *build, int mesh_number)
+{
+    const csm_mesh_view *mesh = &build->desc->meshes[mesh_number];
+    const mesh_use *use = &build->uses[mesh_number];
+    bool bake = use->count == 1;
+    const double *world_from_mesh =
+        build->desc->world_from_instance + 16 * (size_t)build->order[use->first_place];
+    const double *base = bake ? build->desc->origin : use->pivot;
+    float *out = build->out->positions + 3 * use->first_vertex;
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        double p[3];
+        if (bake) {
+            transform_point(world_from_mesh, mesh->positions + 3 * v, p);
+        } else {
+            memcpy(p, mesh->positions + 3 * v, sizeof p);
+        }
+        for (int axis = 0; axis < 3; axis++) {
+            out[3 * v + axis] = (float)(p[axis] - base[axis]);
+        }
+    }
+}
+
+/* World box of a run of triangles, widened by the rounding to float32 relative to the origin. */
+static void item_bounds(const scene_build *build, const csm_mesh_view *mesh, size_t first,
+                        size_t count, const double world_from_mesh[16], double bounds[6])
+{
+    empty_bounds(bounds);
+    for (size_t t = first; t < first + count; t++) {
+        for (int corner = 0; corner < 3; corner++) {
+            double p[3];
+            size_t v = (size_t)mesh->triangles[3 * (size_t)build->keys[t].triangle + corner];
+            transform_point(world_from_mesh, mesh->positions + 3 * v, p);
+            grow(bounds, p);
+        }
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        double origin = build->desc->origin[axis];
+        double reach = fmax(fabs(bounds[axis] - origin), fabs(bounds[3 + axis] - origin));
+        bounds[axis] -= FLT_EPSILON * reach;
+        bounds[3 + axis] += FLT_EPSILON * reach;
+    }
+}
+
+static void write_instances(const scene_build *build)
+{
+    const csm_scene_desc *desc = build->desc;
+    const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+    memcpy(build->out->instances, identity, sizeof identity);
+    int rows = 1;
+    for (int i = 0; i < desc->instance_count; i++) {
+        const mesh_use *use = &build->uses[desc->instance_mesh[i]];
+        build->row[i] = 0;
+        if (use->count < 2) {
+            continue;
+        }
+        const double *m = desc->world_from_instance + 16 * (size_t)i;
+        float *out = build->out->instances + 12 * (size_t)rows;
+        double place[3];
+        transform_point(m, use->pivot, place);
+        for (int axis = 0; axis < 3; axis++) {
+            for (int column = 0; column < 3; column++) {
+                out[4 * axis + column] = (float)m[4 * column + axis];
+            }
+            out[4 * axis + 3] = (float)(place[axis] - desc->origin[axis]);
+        }
+        build->row[i] = rows++;
+    }
+    build->out->instance_count = rows;
+}
+
+static csm_status allocate(const scene_build *build, csm_error *err)
+{
+    csm_geometry *out = build->out;
+    size_t instances = 1;
+    for (int m = 0; m < build->desc->mesh_count; m++) {
+        const csm_mesh_view *mesh = &build->desc->meshes[m];
+        size_t chunks = (mesh->triangle_count + CHUNK_TRIANGLES - 1) / CHUNK_TRIANGLES;
+        size_t count = (size_t)build->uses[m].count;
+        if (!count) {
+            continue;
+        }
+        out->vertex_count += mesh->vertex_count;
+        out->triangle_count += mesh->triangle_count;
+        out->chunk_count += chunks;
+        out->item_count += chunks * count;
+        instances += count > 1 ? count : 0;
+    }
+    if (out->vertex_count > UINT32_MAX / 3 || out->triangle_count > UINT32_MAX / 3 ||
+        out->item_count > UINT32_MAX) {
+        return csm_fail(err, CSM_ERROR_LIMIT,
+                        "a scene may hold at most %u vertices and triangles (got %zu and %zu)",
+                        UINT32_MAX / 3, out->vertex_count, out->triangle_count);
+    }
+    out->positions = malloc(out->vertex_count * 3 * sizeof *out->positions);
+    out->indices = malloc(out->triangle_count * 3 * sizeof *out->indices);
+    out->planes = malloc(out->triangle_count * 4 * sizeof *out->planes);
+    out->instances = malloc(instances * 12 * sizeof *out->instances);
+    out->chunks = malloc(out->chunk_count * sizeof *out->chunks);
+    out->items = malloc(out->item_count * sizeof *out->items);
+    if (!out->positions || !out->indices || !out->planes || !out->instances || !out->chunks ||
+        !out->items) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu triangles",
+                        out->triangle_count);
+    }
+    return CSM_OK;
+}
+
+static void write_triangles(const scene_build *build, int mesh_number)
+{
+    const csm_mesh_view *mesh = &build->desc->meshes[mesh_number];
+    const mesh_use *use = &build->uses[mesh_number];
+    const float *positions = build->out->positions;
+    for (size_t t = 0; t < mesh->triangle_count; t++) {
+        uint32_t *indices = build->out->indices + 3 * (use->first_triangle + t);
+        for (int corner = 0; corner < 3; corner++) {
+            int32_t v = mesh->triangles[3 * (size_t)build->keys[t].triangle + corner];
+            indices[corner] = (uint32_t)(use->first_vertex + (size_t)v);
+        }
+        plane_of(positions + 3 * (size_t)indices[0], positions + 3 * (size_t)indices[1],
+                 positions + 3 * (size_t)indices[2],
+                 build->out->planes + 4 * (use->first_triangle + t));
+    }
+}
+
+/* Chunks of one mesh and, for each, one item per instance. */
+static void write_chunks(scene_build *build, int mesh_number)
+{
+    const csm_mesh_view *mesh = &build->desc->meshes[mesh_number];
+    const mesh_use *use = &build->uses[mesh_number];
+    csm_geometry *out = build->out;
+    for (size_t first = 0; first < mesh->triangle_count; first += CHUNK_TRIANGLES) {
+        size_t count = mesh->triangle_count - first;
+        count = count < CHUNK_TRIANGLES ? count : CHUNK_TRIANGLES;
+        out->chunks[build->chunk] =
+            (csm_chunk){(uint32_t)(use->first_triangle + first), (uint32_t)count,
+                        (uint32_t)build->item, (uint32_t)use->count};
+        for (int32_t place = use->first_place; place < use->first_place + use->count; place++) {
+            int32_t instance = build->order[place];
+            csm_item *item = &out->items[build->item++];
+            item->chunk = (uint32_t)build->chunk;
+            item->instance = (uint32_t)build->row[instance];
+            item_bounds(build, mesh, first, count,
+                        build->desc->world_from_instance + 16 * (size_t)instance, item->bounds);
+            grow(out->bounds, item->bounds);
+            grow(out->bounds, item->bounds + 3);
+        }
+        build->chunk++;
+    }
+    out->drawn_triangle_count += mesh->triangle_count * (size_t)use->count;
+}
+
+/* Who uses which mesh, and where each mesh's vertices, triangles and instances begin. */
+static void count_uses(const scene_build *build)
+{
+    const csm_scene_desc *desc = build->desc;
+    size_t vertex = 0, triangle = 0;
+    int32_t place = 0;
+    for (int i = 0; i < desc->instance_count; i++) {
+        build->uses[desc->instance_mesh[i]].count++;
+    }
+    for (int m = 0; m < desc->mesh_count; m++) {
+        mesh_use *use = &build->uses[m];
+        double bounds[6];
+        use->first_vertex = vertex;
+        use->first_triangle = triangle;
+        use->first_place = place;
+        vertex += use->count ? desc->meshes[m].vertex_count : 0;
+        triangle += use->count ? desc->meshes[m].triangle_count : 0;
+        place += use->count;
+        use->count = 0; /* counted again below, as the instances take their places */
+        mesh_bounds(&desc->meshes[m], bounds);
+        for (int axis = 0; axis < 3; axis++) {
+            use->pivot[axis] = 0.5 * (bounds[axis] + bounds[3 + axis]);
+        }
+    }
+    for (int i = 0; i < desc->instance_count; i++) {
+        mesh_use *use = &build->uses[desc->instance_mesh[i]];
+        build->order[use->first_place + use->count++] = i;
+    }
+}
+
+csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm_error *err)
+{
+    csm_status status = check_scene(desc, err);
+    if (status != CSM_OK) {
+        return status;
+    }
+    size_t largest = 0;
+    for (int m = 0; m < desc->mesh_count; m++) {
+        size_t count = desc->meshes[m].triangle_count;
+        largest = count > largest ? count : largest;
+    }
+    memset(out, 0, sizeof *out);
+    empty_bounds(out->bounds);
+    scene_build build = {
+        .desc = desc,
+        .out = out,
+        .uses = calloc((size_t)desc->mesh_count, sizeof *build.uses),
+        .order = malloc((size_t)desc->instance_count * sizeof *build.order),
+        .row = malloc((size_t)desc->instance_count * sizeof *build.row),
+        .keys = malloc(largest * sizeof *build.keys),
+    };
+    if (!build.uses || !build.order || !build.row || !build.keys) {
+        status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to sort %zu triangles", largest);
+        goto done;
+    }
+    count_uses(&build);
+    status = allocate(&build, err);
+    if (status != CSM_OK) {
+        goto done;
+    }
+    write_instances(&build);
+    for (int m = 0; m < desc->mesh_count; m++) {
+        if (build.uses[m].count) {
+            write_vertices(&build, m);
+            sort_triangles(&desc->meshes[m], build.keys);
+            write_triangles(&build, m);
+            write_chunks(&build, m);
+        }
+    }
+done:
+    free(build.uses);
+    free(build.order);
+    free(build.row);
+    free(build.keys);
+    if (status != CSM_OK) {
+        csm_geometry_destroy(out);
+    }
+    return status;
+}
+
+void csm_geometry_destroy(csm_geometry *geometry)
+{
+    free(geometry->positions);
+    free(geometry->indices);
+    free(geometry->planes);
+    free(geometry->instances);
+    free(geometry->chunks);
+    free(geometry->items);
+    memset(geometry, 0, sizeof *geometry);
+}

@@ -1,0 +1,555 @@
+/* csm.h: the whole C API of csm, cascaded shadow maps as numbers.
+ *
+ * What it is. csrc/core places cascades, culls casters and plans passes: pure functions of values,
+ * in doubles, with libc and libm alone. csrc/gl executes a plan with OpenGL 4.5 core and reads maps
+ * and masks back. csrc/py wraps both for Python.
+ *
+ * What it does not do. It loads no files, opens no visible window, keeps no global state, prints
+ * nothing and never falls back silently: what cannot be done is a csm_status and a sentence.
+ *
+ * Conventions (docs/conventions.md has the long form, tests/test_spaces.py pins them):
+ *   world       right-handed, y up, metres
+ *   view        right-handed, camera looks down -z; view depth = -z, positive in front [m]
+ *   to_light    unit vector from a surface to the light, world space
+ *   light view  right-handed, +z is to_light; light_from_world is a pure rotation about the world
+ *               origin; light-view depth = -z of light space, small at the caster side [m]
+ *   clip        x, y in [-1, 1], z in [0, 1], near = 0
+ *   uvz         x, y in [0, 1] over the shadow map, (0, 0) its lower left; z as clip
+ *   matrices    column-major, column vectors, named to_from: clip_from_world = clip_from_light *
+ *               light_from_world
+ *   corners     enum csm_corner; planes: left, right, bottom, top, near, far, normals inwards
+ *
+ * Errors. A fallible function returns a csm_status and takes a csm_error last. After an error the
+ * outputs are unspecified and nothing is leaked. Texts say what, the value, the rule.
+ */
+#ifndef CSM_H
+#define CSM_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#define CSM_MAX_CASCADES 8
+#define CSM_ERROR_TEXT_SIZE 1024
+
+/* ------------------------------------------------------------------------------------------------
+ * 1. Status
+ */
+
+/*      id                 value  Python exception class     default text */
+#define CSM_STATUS_TABLE(STATUS)                                                                   \
+    STATUS(OK, 0, NULL, "ok")                                                                      \
+    STATUS(ERROR_INVALID_ARGUMENT, -1, "ValueError", "invalid argument")                           \
+    STATUS(ERROR_OUT_OF_MEMORY, -2, "MemoryError", "out of memory")                                \
+    STATUS(ERROR_NO_CONTEXT, -3, "ContextError", "no OpenGL context")                              \
+    STATUS(ERROR_CONTEXT_LOST, -4, "ContextError", "the OpenGL context is gone")                   \
+    STATUS(ERROR_SHADER, -5, "ShaderError", "a shader does not compile or link")                   \
+    STATUS(ERROR_LIMIT, -6, "LimitError", "a limit of the driver is exceeded")                     \
+    STATUS(ERROR_GL, -7, "GLError", "OpenGL reported an error")                                    \
+    STATUS(ERROR_INTERRUPTED, -8, "KeyboardInterrupt", "interrupted")
+
+typedef enum csm_status {
+#define CSM_STATUS_ENUM(id, value, exception, text) CSM_##id = (value),
+    CSM_STATUS_TABLE(CSM_STATUS_ENUM)
+#undef CSM_STATUS_ENUM
+} csm_status;
+
+typedef struct csm_error {
+    csm_status status;
+    char text[CSM_ERROR_TEXT_SIZE];
+} csm_error;
+
+/* Name of a status, e.g. "ERROR_LIMIT"; its Python exception; its default text. */
+const char *csm_status_name(csm_status status);
+const char *csm_status_exception(csm_status status);
+const char *csm_status_text(csm_status status);
+
+/* Fill err (may be NULL) and return status, so that a failure is one statement. */
+csm_status csm_fail(csm_error *err, csm_status status, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
+/* Append one line to an error of status INVALID_ARGUMENT: validators collect every problem. */
+void csm_fail_more(csm_error *err, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* ------------------------------------------------------------------------------------------------
+ * 2. Effects: the choices that change which code, passes or textures exist
+ *
+ * csm_effects.def is the one table. A number that only feeds a uniform is in csm_settings instead.
+ */
+
+#define CSM_PASS_SHADOW_MAP 1u
+#define CSM_PASS_VIEW 2u
+#define CSM_PASS_SHADOW_MASK 4u
+#define CSM_PASS_CPU 8u /* seen by the fit or the culling, by no shader */
+
+typedef enum csm_effect {
+#define CSM_EFFECT(id, name, type, default_value, min, max, passes, choices, help) CSM_EFFECT_##id,
+#include "csm_effects.def"
+#undef CSM_EFFECT
+    CSM_EFFECT_COUNT
+} csm_effect;
+
+typedef enum csm_effect_type { CSM_TYPE_BOOL, CSM_TYPE_INT, CSM_TYPE_ENUM } csm_effect_type;
+
+typedef struct csm_effect_info {
+    const char *id;      /* macro name without CSM_ */
+    const char *name;    /* Python name */
+    csm_effect_type type;
+    int default_value, min, max;
+    unsigned passes;     /* CSM_PASS_* bits */
+    const char *choices; /* ENUM: names in value order, separated by blanks; else "" */
+    const char *help;
+} csm_effect_info;
+
+/* The row of an effect. 0 <= effect < CSM_EFFECT_COUNT. */
+const csm_effect_info *csm_effect_describe(int effect);
+
+/* Values of the enums of the table, in the order of its choices. */
+enum { CSM_SPLIT_PRACTICAL, CSM_SPLIT_UNIFORM, CSM_SPLIT_LOGARITHMIC, CSM_SPLIT_MANUAL };
+enum { CSM_VIEW_RANGE_SCENE, CSM_VIEW_RANGE_CAMERA };
+enum { CSM_FIT_SPHERE, CSM_FIT_BOX, CSM_FIT_DIAMETER, CSM_FIT_SCENE };
+enum { CSM_SNAP_EXACT, CSM_SNAP_NONE };
+enum { CSM_SELECT_MAP, CSM_SELECT_INTERVAL };
+enum { CSM_CULL_INCLUSIVE, CSM_CULL_NONE };
+enum { CSM_DEPTH_D32F, CSM_DEPTH_D24, CSM_DEPTH_D16 };
+enum { CSM_FILTER_HARD, CSM_FILTER_NONE, CSM_FILTER_PCF };
+enum { CSM_BIAS_AUTO, CSM_BIAS_MANUAL };
+
+typedef struct csm_settings {
+    int effects[CSM_EFFECT_COUNT];
+    int map_size[CSM_MAX_CASCADES];         /* texels along a side, one per cascade */
+    double lam;                             /* weight of the logarithmic scheme, 0 to 1 */
+    double manual_splits[CSM_MAX_CASCADES]; /* the count - 1 inner distances [m], ascending */
+    double constant_bias_texels;            /* depth bias along the light, in texels; >= 0 or < 0 */
+    double slope_bias;                      /* factor of texel * (|gx| + |gy|) */
+    double normal_offset_texels;            /* receiver offset along its normal */
+} csm_settings;
+
+/* Defaults of every field; map_size 2048. */
+csm_settings csm_settings_default(void);
+
+/* INVALID_ARGUMENT with every problem, one per line. */
+csm_status csm_settings_validate(const csm_settings *settings, csm_error *err);
+
+/* Zero (or default) what another value makes meaningless, so that equal pictures share programs:
+ * filter_size unless pcf, lam unless practical, biases under auto, everything of the maps under
+ * filter "none". settings must be valid. */
+void csm_settings_canonical(csm_settings *settings);
+
+/* Kernel radius in texels that a fit must keep free around a window: 0 for hard. */
+int csm_settings_kernel_radius(const csm_settings *settings);
+
+/* Effective biases in the terms of csm_bias (section 7), after bias = auto is resolved. */
+typedef struct csm_bias {
+    bool receiver_plane;         /* compare against the receiver's plane at each texel's centre */
+    double constant_texels;      /* times the larger texel side [m] */
+    double slope_texels;         /* times (|gx| + |gy|) * texel side [m] */
+    double normal_offset_texels; /* times texel side * sin(theta) [m] */
+    double quanta;               /* times the depth quantum of the format over the range [m] */
+} csm_bias;
+csm_bias csm_settings_bias(const csm_settings *settings);
+
+/* Depth quantum of a format as a share of the depth range (SPEC 1.13): 1/65535, 2^-24, 2^-24. */
+double csm_depth_quantum(int depth_format);
+
+/* ------------------------------------------------------------------------------------------------
+ * 3. Cameras and frusta
+ */
+
+typedef enum csm_corner {
+    CSM_LBN,
+    CSM_LTN,
+    CSM_RTN,
+    CSM_RBN,
+    CSM_LBF,
+    CSM_LTF,
+    CSM_RTF,
+    CSM_RBF,
+    CSM_CORNER_COUNT
+} csm_corner; /* near corner + 4 = its far corner */
+
+typedef enum csm_plane {
+    CSM_LEFT,
+    CSM_RIGHT,
+    CSM_BOTTOM,
+    CSM_TOP,
+    CSM_NEAR,
+    CSM_FAR,
+    CSM_PLANE_COUNT
+} csm_plane;
+
+typedef struct csm_camera {
+    double eye[3];                       /* world [m] */
+    double right[3], up[3], backward[3]; /* orthonormal, right-handed; looks along -backward */
+    double half_width, half_height;      /* perspective: tangents of the half fields of view;
+                                            orthographic: half extents [m] */
+    double near_depth, far_depth;        /* view depths [m] */
+    int width, height;                   /* pixels */
+    bool orthographic;
+} csm_camera;
+
+/* Finite, orthonormal to 1e-9, far > near (> 0 if perspective), positive extents and pixels. */
+csm_status csm_camera_validate(const csm_camera *camera, csm_error *err);
+
+void csm_camera_view_from_world(const csm_camera *camera, double out[16]);
+
+/* perspective_rh_zo or ortho_rh_zo of the camera, near = 0, far = 1. */
+void csm_camera_clip_from_view(const csm_camera *camera, double out[16]);
+
+/* World corners of the slice between two view depths, in the order of csm_corner. Built from the
+ * tangents, never by unprojection (SPEC 1.15). */
+void csm_frustum_corners(const csm_camera *camera, double near_depth, double far_depth,
+                         double out_corners[CSM_CORNER_COUNT][3]);
+
+/* World planes (a, b, c, d), dot(n, p) + d >= 0 inside, unit normals. */
+void csm_frustum_planes(const csm_camera *camera, double near_depth, double far_depth,
+                        double out_planes[CSM_PLANE_COUNT][4]);
+
+/* Largest view depth of the part of a box that the camera's frustum [near, far] holds, found by
+ * clipping; bounds = {min x y z, max x y z}. False if they do not meet. */
+bool csm_frustum_depth_of_box(const csm_camera *camera, const double bounds[6], double *out_depth);
+
+/* ------------------------------------------------------------------------------------------------
+ * 4. Splits (SPEC 1.1)
+ */
+
+/* count + 1 ascending view depths [m]; the ends are near and far to the bit. scheme is a CSM_SPLIT_*
+ * of practical, uniform, logarithmic. Fails unless 0 < near < far (near may be any finite number
+ * below far for uniform), 1 <= count <= 8, 0 <= lam <= 1. */
+csm_status csm_splits_compute(double near_depth, double far_depth, int count, int scheme, double lam,
+                              double *out_splits, csm_error *err);
+
+/* near * 2^(k/4) with the smallest integer k that reaches depth; *out_step = k. When held_step is
+ * not INT_MIN it is kept while it still reaches depth and is at most one step too far. */
+double csm_range_round_up(double near_depth, double depth, int held_step, int *out_step);
+
+/* ------------------------------------------------------------------------------------------------
+ * 5. Light basis (SPEC 1.6)
+ */
+
+/* Rows X, Y, Z = to_light of an orthonormal, right-handed basis, branch-free; out is the 4x4
+ * light_from_world. Fails on a zero or non-finite direction; to_light need not have unit length. */
+csm_status csm_light_basis_orthonormal(const double to_light[3], double out[16], csm_error *err);
+
+/* ------------------------------------------------------------------------------------------------
+ * 6. Cascades (SPEC 1.2 to 1.4)
+ */
+
+typedef struct csm_window {
+    double centre[2];      /* light x, y [m] before snapping */
+    double half_extent[2]; /* [m] before padding */
+} csm_window;
+
+/* Minimal bounding sphere of a symmetric slice: view depth of its centre and radius [m], from the
+ * tangents and depths only (SPEC 1.2). For an orthographic camera the enclosing sphere of a box. */
+void csm_fit_sphere(const csm_camera *camera, double near_depth, double far_depth,
+                    double *out_centre_depth, double *out_radius);
+
+/* Largest distance between two corners of a slice [m] (SPEC 1.3). */
+double csm_fit_diameter(const csm_camera *camera, double near_depth, double far_depth);
+
+/* Snapped or free lower corner and texel size of a window (SPEC 1.4): half extents are widened to
+ * H S / (S - 1 - 2p) when snapped and H S / (S - 2p) when not, the corner is lattice * texel_size.
+ * The one place where positions are rounded. Fails if no texel is left or the lattice leaves
+ * +-2^53. */
+csm_status csm_snap_window(const csm_window *window, int map_size, int padding_texels, int snap,
+                           double out_corner[2], double out_texel_size[2], int64_t out_lattice[2],
+                           csm_error *err);
+
+typedef struct csm_cascades_desc {
+    csm_camera camera;
+    double to_light[3];
+    const csm_settings *settings;
+    const double *scene_bounds; /* {min x y z, max x y z} of casters and receivers, or NULL */
+    int held_range_step;        /* of the frame before, or INT_MIN */
+} csm_cascades_desc;
+
+typedef struct csm_cascades {
+    int count;
+    int range_step; /* k of view_range = scene, also where the camera's far is nearer; INT_MIN if
+                       not rounded */
+    int map_size[CSM_MAX_CASCADES];
+    double splits[CSM_MAX_CASCADES + 1];
+    double light_from_world[CSM_MAX_CASCADES][16];
+    double clip_from_light[CSM_MAX_CASCADES][16];
+    double clip_from_world[CSM_MAX_CASCADES][16];
+    double uvz_from_world[CSM_MAX_CASCADES][16];
+    double texel_size[CSM_MAX_CASCADES][2];
+    int64_t lattice[CSM_MAX_CASCADES][2];
+    double depth_range[CSM_MAX_CASCADES][2]; /* light-view depths of z = 0 and z = 1 [m] */
+    bool bounded;                            /* bounds are those of the scene, as given */
+    double bounds[6];
+} csm_cascades;
+
+/* Fits every cascade. Without scene_bounds, view_range and depth range come from the camera alone:
+ * the depth range then holds the slice and as much again towards the light. */
+csm_status csm_cascades_fit(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
+
+/* ------------------------------------------------------------------------------------------------
+ * 7. Scene geometry and culling (SPEC 1.11)
+ */
+
+typedef struct csm_mesh_view {
+    const double *positions; /* vertex_count x 3, mesh-local */
+    size_t vertex_count;
+    const int32_t *triangles; /* triangle_count x 3 */
+    size_t triangle_count;
+} csm_mesh_view;
+
+typedef struct csm_scene_desc {
+    const csm_mesh_view *meshes;
+    int mesh_count;
+    const int32_t *instance_mesh;      /* instance_count */
+    const double *world_from_instance; /* instance_count x 16, column-major, affine */
+    int instance_count;
+    double origin[3]; /* world point that the float32 positions are relative to */
+} csm_scene_desc;
+
+/* A run of triangles of one mesh: what culling keeps or drops for each instance. */
+typedef struct csm_chunk {
+    uint32_t first_triangle, triangle_count; /* in csm_geometry.indices */
+    uint32_t first_item, item_count;         /* csm_geometry.items: one per instance */
+} csm_chunk;
+
+typedef struct csm_item {
+    double bounds[6];  /* world, {min, max} */
+    uint32_t chunk;
+    uint32_t instance; /* row of csm_geometry.instances */
+} csm_item;
+
+/* Meshes that occur once are baked to origin-relative positions under instance 0, the identity;
+ * meshes that occur more often are stored once. Triangles are sorted along a space-filling curve
+ * inside a mesh, so that chunks are compact. */
+typedef struct csm_geometry {
+    float *positions; /* vertex_count x 3 */
+    size_t vertex_count;
+    uint32_t *indices; /* triangle_count x 3 */
+    size_t triangle_count;
+    float *planes; /* triangle_count x 4: unit normal and offset, dot(n, p) = offset, from doubles of
+                      the rounded positions; zero-area triangles have a zero normal */
+    float *instances; /* instance_count x 12: rows of origin_from_local (3 x 4); row 0 identity */
+    int instance_count;
+    csm_chunk *chunks;
+    size_t chunk_count;
+    csm_item *items;
+    size_t item_count;
+    size_t drawn_triangle_count; /* with every instance counted */
+    double bounds[6];            /* world */
+} csm_geometry;
+
+/* Checks indices, finiteness and transforms, then builds; csm_geometry_destroy accepts zeros. */
+csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm_error *err);
+void csm_geometry_destroy(csm_geometry *geometry);
+
+/* Room for the outline of frustum and scene box met: 12 planes have at most 20 vertices. */
+#define CSM_HULL_MAX 24
+
+/* What a cascade must draw: the hull of the visible frustum between two view depths, cut to the
+ * scene's bounds where known, extruded towards the light, met with the cascade's window. */
+typedef struct csm_cull_volume {
+    double light_from_world[16];
+    double window[4];        /* light x min, y min, x max, y max [m] */
+    int hull_count;          /* 0: the window alone */
+    double hull[CSM_HULL_MAX][2]; /* convex polygon in light x, y, counter-clockwise */
+    double margin;           /* [m] added on each side of window and hull: kernel and rounding */
+    double lowest_z;         /* casters wholly below this light z cannot matter; -INFINITY: unknown */
+} csm_cull_volume;
+
+/* Volume of cascade i: with selection by map the frustum from its slice on, with selection by
+ * interval its slice; window alone when whole_window is true (receivers outside the picture).
+ * margin_texels: how far from its receiver a lookup may reach (kernel radius, normal offset); one
+ * texel for texel centres and rounding comes on top. An empty window where nothing is seen. */
+void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_camera *camera,
+                          int select, double margin_texels, bool whole_window,
+                          csm_cull_volume *out);
+
+/* False only if no caster inside the world box can shadow a receiver of the volume. */
+bool csm_cull_keep_box(const csm_cull_volume *volume, const double bounds[6]);
+
+/* Indices of kept items, ascending, into out (room for item_count); returns their number. A NULL
+ * volume keeps all. */
+size_t csm_cull_items(const csm_geometry *geometry, const csm_cull_volume *volume,
+                      uint32_t *out_items);
+
+/* The same for the camera: items whose box meets the frustum [near, far]. */
+size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camera,
+                           uint32_t *out_items);
+
+/* ------------------------------------------------------------------------------------------------
+ * 8. Plan: canonical settings to passes, textures and programs; no GL
+ */
+
+/* What a frame hands out; bits of csm_plan.outputs and csm_render_desc.outputs. */
+#define CSM_OUT_MASK 1u
+#define CSM_OUT_VALID 2u
+#define CSM_OUT_VIEW_DEPTH 4u
+#define CSM_OUT_CASCADE_INDEX 8u
+#define CSM_OUT_SHADOW_MAPS 16u
+#define CSM_OUT_NORMAL 32u
+#define CSM_OUT_POINTS 64u
+
+#define CSM_PLAN_MAX 32
+
+typedef enum csm_pass {
+    CSM_STEP_VIEW,
+    CSM_STEP_SHADOW_MAP,
+    CSM_STEP_SHADOW_MASK,
+    CSM_STEP_SHADOW_POINTS,
+    CSM_STEP_COUNT
+} csm_pass;
+
+const char *csm_pass_name(csm_pass pass); /* "view", "shadow_map", "shadow_mask", "shadow_points" */
+
+typedef struct csm_plan_step {
+    csm_pass pass;
+    int cascade; /* -1: not of one cascade */
+    uint64_t program_key;
+} csm_plan_step;
+
+typedef struct csm_plan_texture {
+    char name[32];
+    char format[16];
+    int width, height, layers;
+    uint64_t bytes;
+} csm_plan_texture;
+
+typedef struct csm_plan {
+    int step_count, texture_count, program_count;
+    csm_plan_step steps[CSM_PLAN_MAX];
+    csm_plan_texture textures[CSM_PLAN_MAX];
+    uint64_t program_keys[CSM_PLAN_MAX]; /* distinct */
+    csm_pass program_passes[CSM_PLAN_MAX];
+    uint64_t bytes;   /* of all textures and per-pixel buffers */
+    unsigned outputs; /* CSM_OUT_* */
+} csm_plan;
+
+/* settings must be valid; they are made canonical on a copy. */
+csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
+                         csm_plan *out, csm_error *err);
+
+/* Key of a pass under canonical settings and outputs: effects the pass does not see are masked. */
+uint64_t csm_program_key(csm_pass pass, const csm_settings *canonical, unsigned outputs);
+
+/* ------------------------------------------------------------------------------------------------
+ * 9. Shader text
+ */
+
+/* Reads a file of the shader folder into *out_text (malloc, zero-terminated); false if absent. */
+typedef bool (*csm_read_callback)(void *user, const char *name, char **out_text);
+
+typedef struct csm_source_line {
+    const char *file; /* owned by the csm_shader_source */
+    int line;
+} csm_source_line;
+
+typedef struct csm_shader_source {
+    char *text; /* #version, #defines, then the files with every #include resolved once */
+    csm_source_line *lines; /* one per line of text */
+    size_t line_count;
+    char **files;
+    size_t file_count;
+} csm_shader_source;
+
+csm_status csm_shader_source_load(const char *name, const char *defines, csm_read_callback read,
+                                  void *user, csm_shader_source *out, csm_error *err);
+void csm_shader_source_destroy(csm_shader_source *source);
+
+/* #define lines of a pass: every CSM_ name, 0 if off or not seen; into text, returns the length
+ * that the whole needs (as snprintf). */
+size_t csm_program_defines(csm_pass pass, const csm_settings *canonical, unsigned outputs,
+                           char *text, size_t size);
+
+/* ------------------------------------------------------------------------------------------------
+ * 10. Renderer (csrc/gl)
+ */
+
+typedef struct csm_renderer csm_renderer;
+typedef struct csm_gpu_scene csm_gpu_scene;
+
+enum { CSM_BACKEND_EGL, CSM_BACKEND_OSMESA, CSM_BACKEND_GLFW, CSM_BACKEND_COUNT };
+const char *csm_backend_name(int backend);
+
+typedef struct csm_renderer_desc {
+    int backend;
+    bool debug;               /* synchronous KHR_debug output, errors fail the call */
+    csm_read_callback read;   /* shader files; called inside any call of the renderer */
+    void *read_user;
+} csm_renderer_desc;
+
+typedef struct csm_renderer_info {
+    const char *backend;
+    char platform[64]; /* "device", "surfaceless", ... */
+    char vendor[128], renderer[128], version[128], glsl[64];
+    bool software;
+    int max_texture_size, max_layers;
+    int64_t max_buffer_bytes;
+    int programs_compiled; /* since the renderer was made */
+    int live_objects;      /* GL objects that exist now */
+} csm_renderer_info;
+
+/* Opens a context; NO_CONTEXT says what is missing. On success the caller owns *out. */
+csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out, csm_error *err);
+void csm_renderer_destroy(csm_renderer *renderer);
+csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out, csm_error *err);
+
+/* Drops compiled programs, so that edited shader files are read again. */
+csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err);
+
+/* Uploads geometry; the scene belongs to the renderer and dies with it at the latest. */
+csm_status csm_renderer_upload(csm_renderer *renderer, const csm_geometry *geometry,
+                               const double origin[3], csm_gpu_scene **out, csm_error *err);
+csm_status csm_renderer_drop(csm_renderer *renderer, csm_gpu_scene *scene, csm_error *err);
+
+/* Asked between batches of work; true stops the call with INTERRUPTED. */
+typedef bool (*csm_stop_callback)(void *user);
+
+/* A message of the driver that is no error: severity "medium", "low", "notification". */
+typedef void (*csm_message_callback)(void *user, unsigned id, const char *severity,
+                                     const char *text);
+
+typedef struct csm_render_desc {
+    csm_gpu_scene *scene;
+    csm_camera camera;
+    double to_light[3];
+    csm_settings settings;
+    const csm_cascades *cascades; /* as fitted; unused under filter "none" */
+    unsigned outputs;
+    const double *points; /* point_count x 3 world, or NULL */
+    size_t point_count;
+    csm_stop_callback stop;
+    void *stop_user;
+} csm_render_desc;
+
+#define CSM_MAX_TIMINGS 32
+
+typedef struct csm_render_out {
+    /* Caller-owned, NULL where not asked for. Images: row 0 on top. */
+    float *mask;            /* height x width */
+    uint8_t *valid;         /* height x width, 0 or 1 */
+    float *view_depth;      /* height x width [m], inf where not valid */
+    uint8_t *cascade_index; /* height x width, 255 = none */
+    float *normal;          /* height x width x 3, towards the camera, 0 where not valid */
+    float *shadow_maps;     /* cascades x size x size, row 0 at the bottom */
+    float *point_visibility;
+    uint8_t *point_cascade;
+    /* filled in */
+    int timing_count;
+    const char *timing_names[CSM_MAX_TIMINGS];
+    double timing_ms[CSM_MAX_TIMINGS];
+    const char *clock; /* "timer query" or "wall clock around glFinish" */
+    int items_total;
+    int items_drawn[CSM_MAX_CASCADES];
+    int64_t triangles_drawn[CSM_MAX_CASCADES];
+    int view_items_drawn;
+    uint64_t bytes; /* of textures and buffers that this frame used, scene excluded */
+    uint64_t scene_bytes;
+    int programs_compiled; /* by this frame */
+} csm_render_out;
+
+csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *desc,
+                               csm_render_out *out, csm_error *err);
+
+/* Messages of the driver since the last drain, oldest first. */
+void csm_renderer_drain_messages(csm_renderer *renderer, csm_message_callback callback, void *user);
+
+#endif

@@ -1,0 +1,233 @@
+/* gl_internal.h: the private structs of csrc/gl. Every function below runs with the renderer's lock held
+ * and its context current, unless it says otherwise. */
+#ifndef CSM_GL_INTERNAL_H
+#define CSM_GL_INTERNAL_H
+
+#include "csm.h"
+
+#include <glad/gl.h>
+#include <pthread.h>
+#include <sys/types.h>
+
+typedef void (*csm_gl_function)(void);
+
+/* -- context.c: one interface over three back ends ------------------------------------------------- */
+
+typedef struct csm_context {
+    int backend;
+    char platform[64];
+    void *display, *handle; /* EGLDisplay + EGLContext, OSMesaContext, GLFWwindow */
+    void *pixels;           /* OSMesa draws its default framebuffer into memory of ours */
+} csm_context;
+
+typedef struct csm_backend {
+    csm_status (*open)(csm_context *context, bool debug, csm_error *err);
+    bool (*bind)(csm_context *context);   /* false: the driver refused */
+    void (*unbind)(csm_context *context); /* leaves no context current */
+    void (*close)(csm_context *context);
+    csm_gl_function (*load)(const char *name); /* valid after open */
+} csm_backend;
+
+extern const csm_backend csm_backend_egl, csm_backend_osmesa, csm_backend_glfw;
+
+/* Whatever context the calling thread had before ours: somebody else's stays theirs. */
+typedef struct csm_saved_binding {
+    void *egl_display, *egl_draw, *egl_read, *egl_context;
+    void *glx_display, *glx_context;
+    unsigned long glx_drawable;
+    void *osmesa_context, *osmesa_pixels;
+    int osmesa_width, osmesa_height;
+} csm_saved_binding;
+
+void csm_binding_save(csm_saved_binding *saved);
+void csm_binding_restore(const csm_saved_binding *saved);
+
+csm_status csm_context_open(csm_context *context, int backend, bool debug, csm_error *err);
+bool csm_context_bind(csm_context *context);
+void csm_context_unbind(csm_context *context);
+void csm_context_close(csm_context *context);
+csm_gl_function csm_context_load(int backend, const char *name);
+
+/* Opens the first library of the list that loads (names end with NULL); the reason it does not goes to
+ * err. The library stays open: drivers do not survive being unloaded. */
+void *csm_library_open(const char *const *names, csm_error *err);
+
+/* -- debug.c: KHR_debug into a ring --------------------------------------------------------------- */
+
+#define CSM_RING_SIZE 64
+#define CSM_MESSAGE_SIZE 400
+
+typedef struct csm_message {
+    GLuint id;
+    GLenum type, severity;
+    char text[CSM_MESSAGE_SIZE];
+} csm_message;
+
+typedef struct csm_message_ring {
+    csm_message messages[CSM_RING_SIZE];
+    int first, count;
+    long dropped;
+    bool failed;                   /* an error arrived since the last check */
+    char error[CSM_MESSAGE_SIZE];  /* the first one */
+} csm_message_ring;
+
+/* -- program.c ------------------------------------------------------------------------------------ */
+
+typedef struct csm_program {
+    uint64_t key;
+    GLuint name;
+} csm_program;
+
+/* -- target.c ------------------------------------------------------------------------------------- */
+
+enum { CSM_TARGET_VIEW_IDS, CSM_TARGET_VIEW_DEPTH, CSM_TARGET_SHADOW_MAPS, CSM_TARGET_COUNT };
+
+typedef struct csm_target {
+    csm_plan_texture wanted;
+    GLuint texture;
+} csm_target;
+
+/* Buffers the compute passes write and the host reads, one per kind of output. */
+enum {
+    CSM_BUFFER_MASK,
+    CSM_BUFFER_INDEX, /* cascade index in bits 0 to 7, valid in bit 8 */
+    CSM_BUFFER_DEPTH,
+    CSM_BUFFER_NORMAL,
+    CSM_BUFFER_POINTS,
+    CSM_BUFFER_COUNT
+};
+
+typedef struct csm_host_buffer {
+    GLuint name;
+    GLsizeiptr size;
+    const void *mapped;
+} csm_host_buffer;
+
+/* -- timer.c -------------------------------------------------------------------------------------- */
+
+typedef struct csm_timer {
+    bool queries; /* timer queries on hardware, wall clock around glFinish on software */
+    GLuint query;
+    double start_ms;
+} csm_timer;
+
+/* -- mesh.c --------------------------------------------------------------------------------------- */
+
+struct csm_gpu_scene {
+    csm_geometry geometry; /* chunks and items for culling; vertex arrays are freed after upload */
+    double origin[3];
+    GLuint positions, indices, planes, instances, vertex_array;
+    uint64_t bytes;
+    struct csm_gpu_scene *next;
+};
+
+/* What one pass draws: commands in a buffer, one record per drawn instance. */
+typedef struct csm_draw_list {
+    GLuint commands, records;
+    GLsizei command_count;
+    int item_count;
+    int64_t triangle_count;
+} csm_draw_list;
+
+/* -- the uniform block of shaders/include/frame.glsl ----------------------------------------------- */
+
+typedef struct csm_frame_uniforms {
+    float light_from_origin[3][4]; /* rows of the rotation; w unused */
+    float eye_high[4], eye_low[4]; /* the eye relative to the origin, in two floats a coordinate */
+    float right[4], up[4], backward[4]; /* right w: 1 for an orthographic camera */
+    float to_light[4];
+    float clip_from_eye[4][4];     /* columns; reversed depth, for the view pass alone */
+    float view[4];                 /* half width, half height, near, far */
+    int32_t image[4];              /* width, height, first row of the band, number of points */
+    float bias[4];                 /* constant, slope, normal offset [texels], depth offset [0, 1] */
+    float window[CSM_MAX_CASCADES][4];  /* texels per metre in x, y; phase in x, y [texels] */
+    int32_t lattice[CSM_MAX_CASCADES][4]; /* whole texels to the window's corner x, y; size; padding */
+    float depth[CSM_MAX_CASCADES][4];   /* scale, offset of uvz z; texel side x, y [m] */
+    float split[CSM_MAX_CASCADES][4];   /* far view depth [m] */
+} csm_frame_uniforms;
+
+_Static_assert(sizeof(csm_frame_uniforms) == 16 * (3 + 2 + 3 + 1 + 4 + 3) + 4 * 16 * CSM_MAX_CASCADES,
+               "std140 of frame.glsl has no padding");
+
+/* -- renderer.c ----------------------------------------------------------------------------------- */
+
+struct csm_renderer {
+    pthread_mutex_t lock;
+    pid_t owner; /* a context does not survive fork */
+    bool debug;
+    csm_read_callback read;
+    void *read_user;
+    csm_context context;
+    GladGLContext gl;
+    csm_renderer_info info;
+    csm_message_ring ring;
+    csm_program *programs;
+    int program_count;
+    csm_target targets[CSM_TARGET_COUNT];
+    csm_host_buffer buffers[CSM_BUFFER_COUNT];
+    GLuint points_in;
+    GLsizeiptr points_in_size;
+    GLuint frame_uniforms;
+    GLuint view_framebuffer, map_framebuffer, nearest_sampler, compare_sampler;
+    csm_timer timer;
+    csm_draw_list draws;
+    csm_gpu_scene *scenes;
+};
+
+/* What the passes of one frame share. */
+typedef struct csm_frame {
+    csm_renderer *renderer;
+    const csm_render_desc *desc;
+    csm_render_out *out;
+    csm_settings settings; /* canonical */
+    csm_plan plan;
+    csm_frame_uniforms uniforms;
+} csm_frame;
+
+/* debug.c */
+void csm_debug_start(csm_renderer *renderer);
+void csm_debug_label(csm_renderer *renderer, GLenum kind, GLuint name, const char *label);
+void csm_debug_push(csm_renderer *renderer, const char *pass);
+void csm_debug_pop(csm_renderer *renderer);
+csm_status csm_debug_check(csm_renderer *renderer, const char *pass, csm_error *err);
+
+/* program.c: *out_name is the linked program of a pass, compiled on first use. */
+csm_status csm_program_get(csm_frame *frame, csm_pass pass, GLuint *out_name, csm_error *err);
+void csm_programs_drop(csm_renderer *renderer);
+
+/* target.c */
+csm_status csm_targets_fit(csm_renderer *renderer, const csm_plan *plan, csm_error *err);
+void csm_targets_drop(csm_renderer *renderer);
+csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err);
+GLuint csm_buffer_make(csm_renderer *renderer, const char *label, GLsizeiptr size, const void *data,
+                       GLbitfield flags);
+void csm_buffer_drop(csm_renderer *renderer, GLuint *name);
+
+/* mesh.c */
+csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geometry,
+                              const double origin[3], csm_gpu_scene **out, csm_error *err);
+void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene);
+csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene,
+                              const uint32_t *items, size_t item_count, csm_error *err);
+csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, csm_error *err);
+void csm_draw_list_drop(csm_renderer *renderer);
+
+/* uniforms.c */
+void csm_frame_write_uniforms(csm_frame *frame);
+
+/* timer.c */
+void csm_timer_start(csm_renderer *renderer);
+void csm_timer_stop(csm_renderer *renderer, csm_render_out *out, const char *name);
+double csm_clock_ms(void);
+
+/* pass_*.c */
+csm_status csm_pass_view(csm_frame *frame, csm_error *err);
+csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err);
+csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err);
+csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err);
+
+/* renderer.c */
+bool csm_frame_stopped(const csm_frame *frame);
+csm_status csm_interrupted(csm_error *err);
+
+#endif

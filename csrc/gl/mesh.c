@@ -1,0 +1,229 @@
+/* mesh.c: geometry on the GPU, and the list of what one pass draws.
+ *
+ * Positions, indices and one record (first triangle, instance) per drawn instance, read as an attribute that
+ * steps once per instance: baseInstance picks the record, so one indirect call draws everything a
+ * cascade needs, and a fragment knows its triangle as record + gl_PrimitiveID.
+ */
+#include "gl_internal.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+typedef struct draw_command {
+    GLuint index_count, instance_count, first_index, base_vertex, base_instance;
+} draw_command;
+
+typedef struct draw_record {
+    GLuint first_triangle, instance;
+} draw_record;
+
+/* What runs between two looks at the stop callback: some tenths of a second on software GL. */
+#define BATCH_TRIANGLES (1 << 20)
+/* Longest merged command, so that batches can be cut between commands. */
+#define COMMAND_INDICES (3u << 18)
+
+enum { ATTRIBUTE_POSITION, ATTRIBUTE_RECORD };
+enum { BINDING_POSITION, BINDING_RECORD };
+
+static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene)
+{
+    const GladGLContext *gl = &renderer->gl;
+    gl->CreateVertexArrays(1, &scene->vertex_array);
+    renderer->info.live_objects++;
+    gl->VertexArrayElementBuffer(scene->vertex_array, scene->indices);
+    gl->VertexArrayVertexBuffer(scene->vertex_array, BINDING_POSITION, scene->positions, 0,
+                                3 * sizeof(float));
+    gl->EnableVertexArrayAttrib(scene->vertex_array, ATTRIBUTE_POSITION);
+    gl->VertexArrayAttribFormat(scene->vertex_array, ATTRIBUTE_POSITION, 3, GL_FLOAT, GL_FALSE, 0);
+    gl->VertexArrayAttribBinding(scene->vertex_array, ATTRIBUTE_POSITION, BINDING_POSITION);
+    gl->EnableVertexArrayAttrib(scene->vertex_array, ATTRIBUTE_RECORD);
+    gl->VertexArrayAttribIFormat(scene->vertex_array, ATTRIBUTE_RECORD, 2, GL_UNSIGNED_INT, 0);
+    gl->VertexArrayAttribBinding(scene->vertex_array, ATTRIBUTE_RECORD, BINDING_RECORD);
+    gl->VertexArrayBindingDivisor(scene->vertex_array, BINDING_RECORD, 1);
+    csm_debug_label(renderer, GL_VERTEX_ARRAY, scene->vertex_array, "scene");
+}
+
+/* Chunks and items stay for culling; vertex data lives on the GPU alone. */
+static csm_status keep_for_culling(const csm_geometry *geometry, csm_gpu_scene *scene, csm_error *err)
+{
+    csm_geometry *kept = &scene->geometry;
+    *kept = *geometry;
+    kept->positions = kept->planes = kept->instances = NULL;
+    kept->indices = NULL;
+    kept->chunks = malloc(geometry->chunk_count * sizeof *kept->chunks);
+    kept->items = malloc(geometry->item_count * sizeof *kept->items);
+    if (!kept->chunks || !kept->items) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu chunks",
+                        geometry->chunk_count);
+    }
+    memcpy(kept->chunks, geometry->chunks, geometry->chunk_count * sizeof *kept->chunks);
+    memcpy(kept->items, geometry->items, geometry->item_count * sizeof *kept->items);
+    return CSM_OK;
+}
+
+csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geometry,
+                              const double origin[3], csm_gpu_scene **out, csm_error *err)
+{
+    size_t plane_bytes = geometry->triangle_count * 4 * sizeof(float);
+    if ((int64_t)plane_bytes > renderer->info.max_buffer_bytes) {
+        return csm_fail(err, CSM_ERROR_LIMIT,
+                        "a scene of %zu stored triangles needs a buffer of %zu bytes, the driver "
+                        "allows %lld: instance what repeats, or split the scene",
+                        geometry->triangle_count, plane_bytes,
+                        (long long)renderer->info.max_buffer_bytes);
+    }
+    csm_gpu_scene *scene = calloc(1, sizeof *scene);
+    if (!scene) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for a scene");
+    }
+    csm_status status = keep_for_culling(geometry, scene, err);
+    if (status == CSM_OK) {
+        const struct {
+            GLuint *name;
+            const char *label;
+            size_t bytes;
+            const void *data;
+        } buffers[] = {
+            {&scene->positions, "positions", geometry->vertex_count * 3 * sizeof(float),
+             geometry->positions},
+            {&scene->indices, "indices", geometry->triangle_count * 3 * sizeof(uint32_t),
+             geometry->indices},
+            {&scene->planes, "planes", plane_bytes, geometry->planes},
+            {&scene->instances, "instances",
+             (size_t)geometry->instance_count * 12 * sizeof(float), geometry->instances},
+        };
+        for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++) {
+            *buffers[i].name = csm_buffer_make(renderer, buffers[i].label,
+                                               (GLsizeiptr)buffers[i].bytes, buffers[i].data, 0);
+            scene->bytes += buffers[i].bytes;
+        }
+        memcpy(scene->origin, origin, sizeof scene->origin);
+        make_vertex_array(renderer, scene);
+        status = csm_debug_check(renderer, "upload", err);
+    }
+    if (status != CSM_OK) {
+        csm_gpu_scene_destroy(renderer, scene);
+        return status;
+    }
+    scene->next = renderer->scenes;
+    renderer->scenes = scene;
+    *out = scene;
+    return CSM_OK;
+}
+
+void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene)
+{
+    for (csm_gpu_scene **link = &renderer->scenes; *link; link = &(*link)->next) {
+        if (*link == scene) {
+            *link = scene->next;
+            break;
+        }
+    }
+    csm_buffer_drop(renderer, &scene->positions);
+    csm_buffer_drop(renderer, &scene->indices);
+    csm_buffer_drop(renderer, &scene->planes);
+    csm_buffer_drop(renderer, &scene->instances);
+    if (scene->vertex_array) {
+        renderer->gl.DeleteVertexArrays(1, &scene->vertex_array);
+        renderer->info.live_objects--;
+    }
+    csm_geometry_destroy(&scene->geometry);
+    free(scene);
+}
+
+/* Kept items come in ascending order, so instances of a chunk stand together and share a command, and
+ * neighbouring chunks of baked meshes merge into one. */
+static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_t item_count,
+                        draw_command *commands, draw_record *records, csm_draw_list *list)
+{
+    const csm_geometry *geometry = &scene->geometry;
+    uint32_t last_chunk = UINT32_MAX, record_count = 0;
+    bool last_baked = false;
+    for (size_t i = 0; i < item_count; i++) {
+        const csm_item *item = &geometry->items[items[i]];
+        const csm_chunk *chunk = &geometry->chunks[item->chunk];
+        draw_command *last = list->command_count ? &commands[list->command_count - 1] : NULL;
+        bool baked = item->instance == 0;
+        list->triangle_count += chunk->triangle_count;
+        if (last && !baked && item->chunk == last_chunk) {
+            last->instance_count++;
+            records[record_count++] = (draw_record){chunk->first_triangle, item->instance};
+        } else if (last && baked && last_baked && last->index_count < COMMAND_INDICES &&
+                   last->first_index + last->index_count == 3 * chunk->first_triangle) {
+            last->index_count += 3 * chunk->triangle_count;
+        } else {
+            commands[list->command_count++] =
+                (draw_command){3 * chunk->triangle_count, 1, 3 * chunk->first_triangle, 0,
+                               record_count};
+            records[record_count++] = (draw_record){chunk->first_triangle, item->instance};
+        }
+        last_chunk = item->chunk;
+        last_baked = baked;
+    }
+}
+
+csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene,
+                              const uint32_t *items, size_t item_count, csm_error *err)
+{
+    csm_draw_list *list = &renderer->draws;
+    csm_draw_list_drop(renderer);
+    if (!item_count) {
+        return CSM_OK;
+    }
+    draw_command *commands = malloc(item_count * sizeof *commands);
+    draw_record *records = malloc(item_count * sizeof *records);
+    csm_status status = CSM_OK;
+    if (commands && records) {
+        list->item_count = (int)item_count;
+        write_draws(scene, items, item_count, commands, records, list);
+        list->commands = csm_buffer_make(renderer, "draw commands",
+                                         list->command_count * (GLsizeiptr)sizeof *commands,
+                                         commands, 0);
+        list->records = csm_buffer_make(renderer, "draw records",
+                                        (GLsizeiptr)(item_count * sizeof *records), records, 0);
+    } else {
+        status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to draw %zu chunks", item_count);
+    }
+    free(commands);
+    free(records);
+    return status;
+}
+
+csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, csm_error *err)
+{
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    csm_draw_list *list = &renderer->draws;
+    gl->VertexArrayVertexBuffer(scene->vertex_array, BINDING_RECORD, list->records, 0,
+                                sizeof(draw_record));
+    gl->BindVertexArray(scene->vertex_array);
+    gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, list->commands);
+    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, scene->instances);
+    GLsizei batch = list->command_count;
+    if (list->triangle_count > BATCH_TRIANGLES) {
+        batch = (GLsizei)(list->command_count * (double)BATCH_TRIANGLES /
+                          (double)list->triangle_count);
+        batch = batch > 0 ? batch : 1;
+    }
+    for (GLsizei first = 0; first < list->command_count; first += batch) {
+        GLsizei count = list->command_count - first;
+        count = count < batch ? count : batch;
+        if (first > 0) {
+            gl->Finish(); /* else the driver queues everything and a stop waits for all of it */
+            if (csm_frame_stopped(frame)) {
+                return csm_interrupted(err);
+            }
+        }
+        gl->MultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT,
+                                      (const char *)NULL + (size_t)first * sizeof(draw_command),
+                                      count, 0);
+    }
+    return CSM_OK;
+}
+
+void csm_draw_list_drop(csm_renderer *renderer)
+{
+    csm_buffer_drop(renderer, &renderer->draws.commands);
+    csm_buffer_drop(renderer, &renderer->draws.records);
+    memset(&renderer->draws, 0, sizeof renderer->draws);
+}

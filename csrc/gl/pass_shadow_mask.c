@@ -1,0 +1,185 @@
+/* pass_shadow_mask.c: visibility of every pixel, or of any points, in compute.
+ *
+ * On software GL compute into a mapped buffer takes 0.6 of the time of a full-screen triangle, on a GPU
+ * less than a tenth (PERF measurements in docs/architecture.md). Work goes in bands, so that a stop is
+ * noticed between them.
+ */
+#include "gl_internal.h"
+
+#include <string.h>
+
+#define GROUP_WIDTH 32
+#define GROUP_HEIGHT 8
+#define POINT_GROUP 256
+#define MAX_GROUPS 65535
+#define BAND_TAPS (1 << 26) /* compares between two looks at the stop callback */
+
+enum { BLOCK_INSTANCES, BLOCK_PLANES, BLOCK_OUTPUT };
+enum { UNIT_IDS, UNIT_MAPS, UNIT_COMPARE, UNIT_DEPTH };
+
+static void bind_inputs(csm_frame *frame)
+{
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const csm_gpu_scene *scene = frame->desc->scene;
+    GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
+    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, BLOCK_INSTANCES, scene->instances);
+    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, BLOCK_PLANES, scene->planes);
+    gl->BindTextureUnit(UNIT_IDS, renderer->targets[CSM_TARGET_VIEW_IDS].texture);
+    gl->BindTextureUnit(UNIT_DEPTH, renderer->targets[CSM_TARGET_VIEW_DEPTH].texture);
+    gl->BindSampler(UNIT_IDS, renderer->nearest_sampler);
+    gl->BindSampler(UNIT_DEPTH, renderer->nearest_sampler);
+    gl->BindTextureUnit(UNIT_MAPS, maps);
+    gl->BindSampler(UNIT_MAPS, renderer->nearest_sampler);
+    gl->BindTextureUnit(UNIT_COMPARE, maps);
+    gl->BindSampler(UNIT_COMPARE, renderer->compare_sampler);
+}
+
+static int taps_per_receiver(const csm_settings *settings)
+{
+    if (settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
+        return 1;
+    }
+    int side = settings->effects[CSM_EFFECT_FILTER_SIZE];
+    return side * side;
+}
+
+static void set_image(csm_frame *frame, int first, int points)
+{
+    const csm_camera *camera = &frame->desc->camera;
+    const int32_t image[4] = {camera->width, camera->height, first, points};
+    frame->renderer->gl.NamedBufferSubData(frame->renderer->frame_uniforms,
+                                           offsetof(csm_frame_uniforms, image), sizeof image, image);
+}
+
+/* Buffers for the outputs asked for; one output buffer per kind at BLOCK_OUTPUT + kind. */
+static csm_status bind_outputs(csm_frame *frame, csm_error *err)
+{
+    static const struct {
+        unsigned output;
+        int kind, bytes;
+    } wanted[] = {
+        {CSM_OUT_MASK, CSM_BUFFER_MASK, 4},
+        {CSM_OUT_VALID | CSM_OUT_CASCADE_INDEX, CSM_BUFFER_INDEX, 4},
+        {CSM_OUT_VIEW_DEPTH, CSM_BUFFER_DEPTH, 4},
+        {CSM_OUT_NORMAL, CSM_BUFFER_NORMAL, 12},
+    };
+    csm_renderer *renderer = frame->renderer;
+    size_t pixels = (size_t)frame->desc->camera.width * (size_t)frame->desc->camera.height;
+    for (size_t i = 0; i < sizeof wanted / sizeof *wanted; i++) {
+        if (!(frame->plan.outputs & wanted[i].output)) {
+            continue;
+        }
+        size_t bytes = pixels * (size_t)wanted[i].bytes;
+        csm_status status = csm_host_buffer_fit(renderer, wanted[i].kind, bytes, err);
+        if (status != CSM_OK) {
+            return status;
+        }
+        renderer->gl.BindBufferRange(GL_SHADER_STORAGE_BUFFER,
+                                     (GLuint)(BLOCK_OUTPUT + wanted[i].kind),
+                                     renderer->buffers[wanted[i].kind].name, 0, (GLsizeiptr)bytes);
+        frame->out->bytes += bytes;
+    }
+    return CSM_OK;
+}
+
+csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err)
+{
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    int width = frame->desc->camera.width, height = frame->desc->camera.height;
+    GLuint program;
+    csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_MASK, &program, err);
+    if (status == CSM_OK) {
+        status = bind_outputs(frame, err);
+    }
+    if (status != CSM_OK) {
+        return status;
+    }
+    bind_inputs(frame);
+    gl->UseProgram(program);
+    int64_t taps_per_row = (int64_t)width * taps_per_receiver(&frame->settings);
+    int band = (int)(BAND_TAPS / taps_per_row) / GROUP_HEIGHT * GROUP_HEIGHT;
+    band = band < GROUP_HEIGHT ? GROUP_HEIGHT : band;
+    csm_timer_start(renderer);
+    for (int first = 0; first < height && status == CSM_OK; first += band) {
+        int rows = height - first < band ? height - first : band;
+        if (first > 0) {
+            gl->Finish();
+            if (csm_frame_stopped(frame)) {
+                status = csm_interrupted(err);
+                break;
+            }
+        }
+        set_image(frame, first, 0);
+        gl->DispatchCompute((GLuint)((width + GROUP_WIDTH - 1) / GROUP_WIDTH),
+                            (GLuint)((rows + GROUP_HEIGHT - 1) / GROUP_HEIGHT), 1);
+    }
+    gl->MemoryBarrier(GL_CLIENT_MAPPED_BUFFER_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
+    csm_timer_stop(renderer, frame->out, "shadow_mask");
+    return status;
+}
+
+/* Points arrive as the difference to the scene's origin, subtracted in double. */
+static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *err)
+{
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const csm_render_desc *desc = frame->desc;
+    if (bytes > renderer->info.max_buffer_bytes) {
+        return csm_fail(err, CSM_ERROR_LIMIT, "%zu points need %lld bytes, the driver allows %lld",
+                        desc->point_count, (long long)bytes,
+                        (long long)renderer->info.max_buffer_bytes);
+    }
+    if (renderer->points_in_size < bytes) {
+        csm_buffer_drop(renderer, &renderer->points_in);
+        renderer->points_in = csm_buffer_make(renderer, "points in", bytes, NULL, GL_MAP_WRITE_BIT);
+        renderer->points_in_size = bytes;
+    }
+    float *mapped = gl->MapNamedBufferRange(renderer->points_in, 0, bytes,
+                                            GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
+    if (!mapped) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu points", desc->point_count);
+    }
+    for (size_t i = 0; i < 3 * desc->point_count; i++) {
+        mapped[i] = (float)(desc->points[i] - desc->scene->origin[i % 3]);
+    }
+    gl->UnmapNamedBuffer(renderer->points_in);
+    return CSM_OK;
+}
+
+csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err)
+{
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    size_t count = frame->desc->point_count;
+    GLsizeiptr in_bytes = (GLsizeiptr)(count * 3 * sizeof(float));
+    size_t out_bytes = count * 2 * sizeof(float);
+    GLuint program;
+    csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_POINTS, &program, err);
+    if (status == CSM_OK && count) {
+        status = upload_points(frame, in_bytes, err);
+    }
+    if (status == CSM_OK && count) {
+        status = csm_host_buffer_fit(renderer, CSM_BUFFER_POINTS, out_bytes, err);
+    }
+    if (status != CSM_OK || !count) {
+        return status;
+    }
+    bind_inputs(frame);
+    gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_PLANES, renderer->points_in, 0, in_bytes);
+    gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_OUTPUT + CSM_BUFFER_POINTS,
+                        renderer->buffers[CSM_BUFFER_POINTS].name, 0, (GLsizeiptr)out_bytes);
+    gl->UseProgram(program);
+    csm_timer_start(renderer);
+    const size_t most = (size_t)MAX_GROUPS * POINT_GROUP;
+    for (size_t first = 0; first < count; first += most) {
+        size_t here = count - first < most ? count - first : most;
+        set_image(frame, (int)first, (int)count);
+        gl->DispatchCompute((GLuint)((here + POINT_GROUP - 1) / POINT_GROUP), 1, 1);
+    }
+    gl->MemoryBarrier(GL_CLIENT_MAPPED_BUFFER_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
+    csm_timer_stop(renderer, frame->out, "shadow_points");
+    frame->out->bytes += out_bytes + (size_t)in_bytes;
+    return CSM_OK;
+}

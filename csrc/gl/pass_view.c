@@ -1,0 +1,54 @@
+/* pass_view.c: the camera's visible triangles: which triangle of which instance each pixel sees.
+ *
+ * The mask pass turns ids into points and normals from the triangles' planes, so positions do not suffer
+ * from a depth buffer's rounding. Depth is reversed (near 1, far 0): with 32 float bits its error is
+ * relative to the distance, also at near/far of 10^6.
+ */
+#include "gl_internal.h"
+
+#include <stdlib.h>
+
+csm_status csm_pass_view(csm_frame *frame, csm_error *err)
+{
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const csm_gpu_scene *scene = frame->desc->scene;
+    const csm_camera *camera = &frame->desc->camera;
+    const GLuint nothing[2] = {0xffffffffu, 0xffffffffu};
+    const float farthest = 0.0f;
+    GLuint program;
+
+    csm_status status = csm_program_get(frame, CSM_STEP_VIEW, &program, err);
+    uint32_t *items = malloc(scene->geometry.item_count * sizeof *items);
+    if (status == CSM_OK && !items) {
+        status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to cull the view");
+    }
+    if (status == CSM_OK) {
+        size_t kept = csm_cull_items_view(&scene->geometry, camera, items);
+        frame->out->view_items_drawn = (int)kept;
+        status = csm_draw_list_fill(renderer, scene, items, kept, err);
+    }
+    free(items);
+    if (status != CSM_OK) {
+        return status;
+    }
+    csm_timer_start(renderer);
+    GLuint framebuffer = renderer->view_framebuffer;
+    gl->NamedFramebufferTexture(framebuffer, GL_COLOR_ATTACHMENT0,
+                                renderer->targets[CSM_TARGET_VIEW_IDS].texture, 0);
+    gl->NamedFramebufferTexture(framebuffer, GL_DEPTH_ATTACHMENT,
+                                renderer->targets[CSM_TARGET_VIEW_DEPTH].texture, 0);
+    gl->BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+    gl->Viewport(0, 0, camera->width, camera->height);
+    gl->Disable(GL_DEPTH_CLAMP);
+    gl->Enable(GL_DEPTH_TEST);
+    gl->DepthFunc(GL_GREATER);
+    gl->ClearNamedFramebufferuiv(framebuffer, GL_COLOR, 0, (const GLuint[4]){nothing[0], nothing[1]});
+    gl->ClearNamedFramebufferfv(framebuffer, GL_DEPTH, 0, &farthest);
+    gl->UseProgram(program);
+    if (renderer->draws.command_count) {
+        status = csm_draw_list_submit(frame, scene, err);
+    }
+    csm_timer_stop(renderer, frame->out, "view");
+    return status;
+}

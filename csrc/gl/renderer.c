@@ -1,0 +1,393 @@
+/* renderer.c: owns the context and everything on it; executes a plan; reads back.
+ *
+ * Every entry takes the lock, binds the context, works, unbinds, restores what the thread had bound.
+ */
+#include "gl_internal.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+/* -- entering and leaving ------------------------------------------------------------------------- */
+
+static csm_status enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err)
+{
+    if (renderer->owner != getpid()) {
+        return csm_fail(err, CSM_ERROR_CONTEXT_LOST,
+                        "renderer was made before a fork: a context does not survive it, make a "
+                        "new Renderer in the child");
+    }
+    if (pthread_mutex_lock(&renderer->lock)) {
+        return csm_fail(err, CSM_ERROR_CONTEXT_LOST,
+                        "renderer is already at work in this thread (called from a signal handler?)");
+    }
+    csm_binding_save(saved);
+    if (!csm_context_bind(&renderer->context)) {
+        csm_binding_restore(saved);
+        pthread_mutex_unlock(&renderer->lock);
+        return csm_fail(err, CSM_ERROR_CONTEXT_LOST, "the driver refuses to bind the context");
+    }
+    return CSM_OK;
+}
+
+static void leave(csm_renderer *renderer, const csm_saved_binding *saved)
+{
+    csm_context_unbind(&renderer->context);
+    csm_binding_restore(saved);
+    pthread_mutex_unlock(&renderer->lock);
+}
+
+/* -- making and destroying ------------------------------------------------------------------------ */
+
+static GLADapiproc load_for_glad(void *user, const char *name)
+{
+    return (GLADapiproc)csm_context_load(*(const int *)user, name);
+}
+
+static void copy_string(const GladGLContext *gl, GLenum what, char *out, size_t size)
+{
+    const char *text = (const char *)gl->GetString(what);
+    snprintf(out, size, "%s", text ? text : "");
+}
+
+static void read_info(csm_renderer *renderer)
+{
+    const GladGLContext *gl = &renderer->gl;
+    csm_renderer_info *info = &renderer->info;
+    GLint64 buffer_bytes = 0;
+    info->backend = csm_backend_name(renderer->context.backend);
+    snprintf(info->platform, sizeof info->platform, "%s", renderer->context.platform);
+    copy_string(gl, GL_VENDOR, info->vendor, sizeof info->vendor);
+    copy_string(gl, GL_RENDERER, info->renderer, sizeof info->renderer);
+    copy_string(gl, GL_VERSION, info->version, sizeof info->version);
+    copy_string(gl, GL_SHADING_LANGUAGE_VERSION, info->glsl, sizeof info->glsl);
+    info->software = strstr(info->renderer, "llvmpipe") || strstr(info->renderer, "softpipe") ||
+                     strstr(info->renderer, "swrast") || strstr(info->renderer, "Software");
+    gl->GetIntegerv(GL_MAX_TEXTURE_SIZE, &info->max_texture_size);
+    gl->GetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &info->max_layers);
+    gl->GetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &buffer_bytes);
+    info->max_buffer_bytes = buffer_bytes;
+}
+
+static void make_samplers(csm_renderer *renderer)
+{
+    const GladGLContext *gl = &renderer->gl;
+    GLuint names[2];
+    gl->CreateSamplers(2, names);
+    for (int i = 0; i < 2; i++) {
+        gl->SamplerParameteri(names[i], GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+        gl->SamplerParameteri(names[i], GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+    }
+    gl->SamplerParameteri(names[0], GL_TEXTURE_MIN_FILTER, GL_NEAREST);
+    gl->SamplerParameteri(names[0], GL_TEXTURE_MAG_FILTER, GL_NEAREST);
+    gl->SamplerParameteri(names[1], GL_TEXTURE_MIN_FILTER, GL_LINEAR);
+    gl->SamplerParameteri(names[1], GL_TEXTURE_MAG_FILTER, GL_LINEAR);
+    gl->SamplerParameteri(names[1], GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
+    gl->SamplerParameteri(names[1], GL_TEXTURE_COMPARE_FUNC, GL_LEQUAL);
+    renderer->nearest_sampler = names[0];
+    renderer->compare_sampler = names[1];
+    csm_debug_label(renderer, GL_SAMPLER, names[0], "nearest");
+    csm_debug_label(renderer, GL_SAMPLER, names[1], "compare");
+}
+
+static csm_status set_up(csm_renderer *renderer, csm_error *err)
+{
+    GladGLContext *gl = &renderer->gl;
+    if (!gladLoadGLContextUserPtr(gl, load_for_glad, &renderer->context.backend) ||
+        !gl->VERSION_4_5) {
+        return csm_fail(err, CSM_ERROR_NO_CONTEXT, "%s: the driver has no OpenGL 4.5",
+                        csm_backend_name(renderer->context.backend));
+    }
+    csm_debug_start(renderer);
+    read_info(renderer);
+    gl->ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
+    gl->PixelStorei(GL_PACK_ALIGNMENT, 1);
+    gl->CreateFramebuffers(1, &renderer->view_framebuffer);
+    gl->CreateFramebuffers(1, &renderer->map_framebuffer);
+    gl->NamedFramebufferDrawBuffer(renderer->view_framebuffer, GL_COLOR_ATTACHMENT0);
+    gl->NamedFramebufferDrawBuffer(renderer->map_framebuffer, GL_NONE);
+    gl->NamedFramebufferReadBuffer(renderer->map_framebuffer, GL_NONE);
+    csm_debug_label(renderer, GL_FRAMEBUFFER, renderer->view_framebuffer, "view");
+    csm_debug_label(renderer, GL_FRAMEBUFFER, renderer->map_framebuffer, "shadow_map");
+    make_samplers(renderer);
+    gl->CreateQueries(GL_TIME_ELAPSED, 1, &renderer->timer.query);
+    renderer->timer.queries = !renderer->info.software;
+    renderer->info.live_objects = 5; /* framebuffers, samplers, the query */
+    renderer->frame_uniforms = csm_buffer_make(renderer, "frame", sizeof(csm_frame_uniforms), NULL,
+                                               GL_DYNAMIC_STORAGE_BIT);
+    return csm_debug_check(renderer, "set-up", err);
+}
+
+static void tear_down(csm_renderer *renderer)
+{
+    const GladGLContext *gl = &renderer->gl;
+    while (renderer->scenes) {
+        csm_gpu_scene_destroy(renderer, renderer->scenes);
+    }
+    csm_targets_drop(renderer);
+    csm_programs_drop(renderer);
+    csm_draw_list_drop(renderer);
+    csm_buffer_drop(renderer, &renderer->points_in);
+    csm_buffer_drop(renderer, &renderer->frame_uniforms);
+    gl->DeleteFramebuffers(1, &renderer->view_framebuffer);
+    gl->DeleteFramebuffers(1, &renderer->map_framebuffer);
+    gl->DeleteSamplers(1, &renderer->nearest_sampler);
+    gl->DeleteSamplers(1, &renderer->compare_sampler);
+    gl->DeleteQueries(1, &renderer->timer.query);
+}
+
+csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out, csm_error *err)
+{
+    csm_saved_binding saved;
+    pthread_mutexattr_t attributes;
+    csm_renderer *renderer = calloc(1, sizeof *renderer);
+    if (!renderer) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for a renderer");
+    }
+    pthread_mutexattr_init(&attributes);
+    pthread_mutexattr_settype(&attributes, PTHREAD_MUTEX_ERRORCHECK);
+    pthread_mutex_init(&renderer->lock, &attributes);
+    pthread_mutexattr_destroy(&attributes);
+    renderer->owner = getpid();
+    renderer->debug = desc->debug;
+    renderer->read = desc->read;
+    renderer->read_user = desc->read_user;
+
+    csm_binding_save(&saved);
+    csm_status status = csm_context_open(&renderer->context, desc->backend, desc->debug, err);
+    csm_binding_restore(&saved);
+    if (status == CSM_OK) {
+        status = enter(renderer, &saved, err);
+        if (status == CSM_OK) {
+            status = set_up(renderer, err);
+            if (status != CSM_OK && renderer->gl.VERSION_4_5) {
+                tear_down(renderer);
+            }
+            leave(renderer, &saved);
+        }
+    }
+    if (status != CSM_OK) {
+        csm_context_close(&renderer->context);
+        pthread_mutex_destroy(&renderer->lock);
+        free(renderer);
+        return status;
+    }
+    *out = renderer;
+    return CSM_OK;
+}
+
+void csm_renderer_destroy(csm_renderer *renderer)
+{
+    csm_saved_binding saved;
+    if (!renderer) {
+        return;
+    }
+    if (renderer->owner != getpid()) {
+        return; /* the parent's context: not ours to touch, leak quietly */
+    }
+    if (enter(renderer, &saved, NULL) == CSM_OK) {
+        tear_down(renderer);
+        csm_context_unbind(&renderer->context);
+        csm_context_close(&renderer->context);
+        csm_binding_restore(&saved);
+        pthread_mutex_unlock(&renderer->lock);
+        pthread_mutex_destroy(&renderer->lock);
+        free(renderer);
+    }
+}
+
+/* -- small entries -------------------------------------------------------------------------------- */
+
+csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out, csm_error *err)
+{
+    csm_saved_binding saved;
+    csm_status status = enter(renderer, &saved, err);
+    if (status == CSM_OK) {
+        *out = renderer->info;
+        leave(renderer, &saved);
+    }
+    return status;
+}
+
+csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err)
+{
+    csm_saved_binding saved;
+    csm_status status = enter(renderer, &saved, err);
+    if (status == CSM_OK) {
+        csm_programs_drop(renderer);
+        leave(renderer, &saved);
+    }
+    return status;
+}
+
+csm_status csm_renderer_upload(csm_renderer *renderer, const csm_geometry *geometry,
+                               const double origin[3], csm_gpu_scene **out, csm_error *err)
+{
+    csm_saved_binding saved;
+    csm_status status = enter(renderer, &saved, err);
+    if (status == CSM_OK) {
+        status = csm_gpu_scene_make(renderer, geometry, origin, out, err);
+        leave(renderer, &saved);
+    }
+    return status;
+}
+
+csm_status csm_renderer_drop(csm_renderer *renderer, csm_gpu_scene *scene, csm_error *err)
+{
+    csm_saved_binding saved;
+    csm_status status = enter(renderer, &saved, err);
+    if (status == CSM_OK) {
+        csm_gpu_scene_destroy(renderer, scene);
+        leave(renderer, &saved);
+    }
+    return status;
+}
+
+/* -- one frame ------------------------------------------------------------------------------------ */
+
+bool csm_frame_stopped(const csm_frame *frame)
+{
+    return frame->desc->stop && frame->desc->stop(frame->desc->stop_user);
+}
+
+csm_status csm_interrupted(csm_error *err)
+{
+    return csm_fail(err, CSM_ERROR_INTERRUPTED, "%s", csm_status_text(CSM_ERROR_INTERRUPTED));
+}
+
+static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_error *err)
+{
+    csm_renderer *renderer = frame->renderer;
+    csm_status status = CSM_OK;
+    const char *name = csm_pass_name(step->pass);
+    csm_debug_push(renderer, name);
+    switch (step->pass) {
+    case CSM_STEP_VIEW:
+        status = csm_pass_view(frame, err);
+        break;
+    case CSM_STEP_SHADOW_MAP:
+        status = csm_pass_shadow_map(frame, step->cascade, err);
+        break;
+    case CSM_STEP_SHADOW_MASK:
+        status = csm_pass_shadow_mask(frame, err);
+        break;
+    case CSM_STEP_SHADOW_POINTS:
+        status = csm_pass_shadow_points(frame, err);
+        break;
+    case CSM_STEP_COUNT:
+        break;
+    }
+    csm_debug_pop(renderer);
+    return status == CSM_OK ? csm_debug_check(renderer, name, err) : status;
+}
+
+static void read_maps(csm_frame *frame)
+{
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    int size = frame->settings.map_size[0];
+    for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
+        gl->NamedFramebufferTextureLayer(renderer->map_framebuffer, GL_DEPTH_ATTACHMENT,
+                                         renderer->targets[CSM_TARGET_SHADOW_MAPS].texture, 0, i);
+        gl->BindFramebuffer(GL_READ_FRAMEBUFFER, renderer->map_framebuffer);
+        gl->ReadPixels(0, 0, size, size, GL_DEPTH_COMPONENT, GL_FLOAT,
+                       frame->out->shadow_maps + (size_t)i * (size_t)size * (size_t)size);
+    }
+}
+
+static void copy_mapped(csm_frame *frame, int kind, void *out, size_t bytes)
+{
+    if (out) {
+        memcpy(out, frame->renderer->buffers[kind].mapped, bytes);
+    }
+}
+
+static void read_back(csm_frame *frame)
+{
+    csm_render_out *out = frame->out;
+    const csm_render_desc *desc = frame->desc;
+    size_t pixels = (size_t)desc->camera.width * (size_t)desc->camera.height;
+    double start = csm_clock_ms();
+    copy_mapped(frame, CSM_BUFFER_MASK, out->mask, pixels * sizeof(float));
+    copy_mapped(frame, CSM_BUFFER_DEPTH, out->view_depth, pixels * sizeof(float));
+    copy_mapped(frame, CSM_BUFFER_NORMAL, out->normal, 3 * pixels * sizeof(float));
+    const uint32_t *packed = frame->renderer->buffers[CSM_BUFFER_INDEX].mapped;
+    for (size_t i = 0; i < pixels && out->cascade_index; i++) {
+        out->cascade_index[i] = (uint8_t)packed[i];
+    }
+    for (size_t i = 0; i < pixels && out->valid; i++) {
+        out->valid[i] = packed[i] >> 8 & 1u;
+    }
+    if (out->shadow_maps) {
+        read_maps(frame);
+    }
+    bool shadowed = frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;
+    const float *answers = frame->renderer->buffers[CSM_BUFFER_POINTS].mapped;
+    for (size_t i = 0; i < desc->point_count && out->point_visibility; i++) {
+        out->point_visibility[i] = shadowed ? answers[2 * i] : 1.0f;
+        out->point_cascade[i] = shadowed ? (uint8_t)answers[2 * i + 1] : 255;
+    }
+    if (out->timing_count < CSM_MAX_TIMINGS) {
+        out->timing_names[out->timing_count] = "readback";
+        out->timing_ms[out->timing_count++] = csm_clock_ms() - start;
+    }
+}
+
+static csm_status render_bound(csm_frame *frame, csm_error *err)
+{
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    csm_status status = csm_targets_fit(renderer, &frame->plan, err);
+    if (status != CSM_OK) {
+        return status;
+    }
+    frame->out->bytes = frame->plan.bytes;
+    frame->out->scene_bytes = frame->desc->scene->bytes;
+    frame->out->clock = renderer->timer.queries ? "timer query" : "wall clock around glFinish";
+    frame->out->items_total = (int)frame->desc->scene->geometry.item_count;
+    csm_frame_write_uniforms(frame);
+    gl->NamedBufferSubData(renderer->frame_uniforms, 0, sizeof frame->uniforms, &frame->uniforms);
+    gl->BindBufferBase(GL_UNIFORM_BUFFER, 0, renderer->frame_uniforms);
+    for (int i = 0; i < frame->plan.step_count && status == CSM_OK; i++) {
+        status = csm_frame_stopped(frame) ? csm_interrupted(err)
+                                          : run_step(frame, &frame->plan.steps[i], err);
+    }
+    if (status == CSM_OK) {
+        gl->Finish(); /* host buffers are read without another call to the driver */
+        read_back(frame);
+        status = csm_debug_check(renderer, "readback", err);
+    }
+    return status;
+}
+
+static csm_status check_render(const csm_render_desc *desc, csm_error *err)
+{
+    csm_status status = csm_settings_validate(&desc->settings, err);
+    if (status == CSM_OK) {
+        status = csm_camera_validate(&desc->camera, err);
+    }
+    return status;
+}
+
+csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *desc,
+                               csm_render_out *out, csm_error *err)
+{
+    csm_saved_binding saved;
+    csm_frame frame = {.renderer = renderer, .desc = desc, .out = out, .settings = desc->settings};
+    csm_status status = check_render(desc, err);
+    if (status == CSM_OK) {
+        csm_settings_canonical(&frame.settings);
+        status = csm_plan_make(&desc->settings, desc->camera.width, desc->camera.height,
+                               desc->outputs, &frame.plan, err);
+    }
+    if (status == CSM_OK) {
+        status = enter(renderer, &saved, err);
+    }
+    if (status != CSM_OK) {
+        return status;
+    }
+    status = render_bound(&frame, err);
+    leave(renderer, &saved);
+    return status;
+}

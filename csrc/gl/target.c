@@ -1,0 +1,154 @@
+/* target.c: the textures a plan names, no more and no fewer, and the buffers outputs come back in. */
+#include "gl_internal.h"
+
+#include <string.h>
+
+static const struct {
+    const char *name;
+    GLenum format;
+} formats[] = {
+    {"rg32ui", GL_RG32UI},
+    {"d32f", GL_DEPTH_COMPONENT32F},
+    {"d24", GL_DEPTH_COMPONENT24},
+    {"d16", GL_DEPTH_COMPONENT16},
+};
+
+static const char *const target_names[CSM_TARGET_COUNT] = {
+    [CSM_TARGET_VIEW_IDS] = "view_ids",
+    [CSM_TARGET_VIEW_DEPTH] = "view_depth",
+    [CSM_TARGET_SHADOW_MAPS] = "shadow_maps",
+};
+
+static GLenum format_named(const char *name)
+{
+    for (size_t i = 0; i < sizeof formats / sizeof *formats; i++) {
+        if (!strcmp(formats[i].name, name)) {
+            return formats[i].format;
+        }
+    }
+    return GL_NONE;
+}
+
+static void drop(csm_renderer *renderer, csm_target *target)
+{
+    if (target->texture) {
+        renderer->gl.DeleteTextures(1, &target->texture);
+        renderer->info.live_objects--;
+    }
+    memset(target, 0, sizeof *target);
+}
+
+static csm_status make(csm_renderer *renderer, csm_target *target, const csm_plan_texture *wanted,
+                       csm_error *err)
+{
+    const GladGLContext *gl = &renderer->gl;
+    bool layered = !strcmp(wanted->name, target_names[CSM_TARGET_SHADOW_MAPS]);
+    int largest = wanted->width > wanted->height ? wanted->width : wanted->height;
+    if (largest > renderer->info.max_texture_size || wanted->layers > renderer->info.max_layers) {
+        return csm_fail(err, CSM_ERROR_LIMIT, "%s %d x %d x %d exceeds GL_MAX_TEXTURE_SIZE %d",
+                        wanted->name, wanted->width, wanted->height, wanted->layers,
+                        renderer->info.max_texture_size);
+    }
+    GLenum format = format_named(wanted->format);
+    gl->CreateTextures(layered ? GL_TEXTURE_2D_ARRAY : GL_TEXTURE_2D, 1, &target->texture);
+    renderer->info.live_objects++;
+    if (layered) {
+        gl->TextureStorage3D(target->texture, 1, format, wanted->width, wanted->height,
+                             wanted->layers);
+    } else {
+        gl->TextureStorage2D(target->texture, 1, format, wanted->width, wanted->height);
+    }
+    csm_debug_label(renderer, GL_TEXTURE, target->texture, wanted->name);
+    target->wanted = *wanted;
+    return csm_debug_check(renderer, wanted->name, err);
+}
+
+csm_status csm_targets_fit(csm_renderer *renderer, const csm_plan *plan, csm_error *err)
+{
+    const csm_plan_texture *wanted[CSM_TARGET_COUNT] = {NULL};
+    for (int i = 0; i < plan->texture_count; i++) {
+        for (int t = 0; t < CSM_TARGET_COUNT; t++) {
+            if (!strcmp(plan->textures[i].name, target_names[t])) {
+                wanted[t] = &plan->textures[i];
+            }
+        }
+    }
+    /* first everything that goes, so that old and new never exist together */
+    for (int t = 0; t < CSM_TARGET_COUNT; t++) {
+        csm_target *target = &renderer->targets[t];
+        if (!wanted[t] || memcmp(&target->wanted, wanted[t], sizeof *wanted[t])) {
+            drop(renderer, target);
+        }
+    }
+    for (int t = 0; t < CSM_TARGET_COUNT; t++) {
+        csm_target *target = &renderer->targets[t];
+        if (wanted[t] && !target->texture) {
+            csm_status status = make(renderer, target, wanted[t], err);
+            if (status != CSM_OK) {
+                drop(renderer, target);
+                return status;
+            }
+        }
+    }
+    return CSM_OK;
+}
+
+void csm_targets_drop(csm_renderer *renderer)
+{
+    for (int t = 0; t < CSM_TARGET_COUNT; t++) {
+        drop(renderer, &renderer->targets[t]);
+    }
+    for (int kind = 0; kind < CSM_BUFFER_COUNT; kind++) {
+        csm_buffer_drop(renderer, &renderer->buffers[kind].name);
+        memset(&renderer->buffers[kind], 0, sizeof renderer->buffers[kind]);
+    }
+}
+
+GLuint csm_buffer_make(csm_renderer *renderer, const char *label, GLsizeiptr size, const void *data,
+                       GLbitfield flags)
+{
+    GLuint name = 0;
+    renderer->gl.CreateBuffers(1, &name);
+    renderer->gl.NamedBufferStorage(name, size > 0 ? size : 4, data, flags);
+    renderer->info.live_objects++;
+    csm_debug_label(renderer, GL_BUFFER, name, label);
+    return name;
+}
+
+void csm_buffer_drop(csm_renderer *renderer, GLuint *name)
+{
+    if (*name) {
+        renderer->gl.DeleteBuffers(1, name);
+        renderer->info.live_objects--;
+        *name = 0;
+    }
+}
+
+/* The buffer stays mapped: on software GL it is the driver's own memory, on hardware the copy over the
+ * bus happens as the pass writes. A smaller frame uses the front of a larger buffer. */
+csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err)
+{
+    static const char *const labels[CSM_BUFFER_COUNT] = {"mask", "cascade_index", "view_depth",
+                                                         "normal", "points"};
+    csm_host_buffer *buffer = &renderer->buffers[kind];
+    const GLbitfield flags = GL_MAP_READ_BIT | GL_MAP_PERSISTENT_BIT;
+    if (buffer->size >= (GLsizeiptr)size) {
+        return CSM_OK;
+    }
+    if ((int64_t)size > renderer->info.max_buffer_bytes) {
+        return csm_fail(err, CSM_ERROR_LIMIT, "%s needs %zu bytes, the driver allows %lld",
+                        labels[kind], size, (long long)renderer->info.max_buffer_bytes);
+    }
+    csm_buffer_drop(renderer, &buffer->name);
+    buffer->size = 0;
+    buffer->name = csm_buffer_make(renderer, labels[kind], (GLsizeiptr)size, NULL,
+                                   flags | GL_CLIENT_STORAGE_BIT);
+    buffer->mapped = renderer->gl.MapNamedBufferRange(buffer->name, 0, (GLsizeiptr)size, flags);
+    if (!buffer->mapped) {
+        csm_buffer_drop(renderer, &buffer->name);
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu bytes of %s", size,
+                        labels[kind]);
+    }
+    buffer->size = (GLsizeiptr)size;
+    return CSM_OK;
+}

@@ -1,0 +1,42 @@
+/* timer.c: milliseconds per pass. Timer queries on hardware; on software GL they are useless (0.000 and
+ * 30 ms were seen for the same pass), so there the wall clock runs around glFinish. */
+#include "gl_internal.h"
+
+#include <time.h>
+
+double csm_clock_ms(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
+}
+
+void csm_timer_start(csm_renderer *renderer)
+{
+    csm_timer *timer = &renderer->timer;
+    if (timer->queries) {
+        renderer->gl.BeginQuery(GL_TIME_ELAPSED, timer->query);
+    } else {
+        renderer->gl.Finish();
+        timer->start_ms = csm_clock_ms();
+    }
+}
+
+void csm_timer_stop(csm_renderer *renderer, csm_render_out *out, const char *name)
+{
+    csm_timer *timer = &renderer->timer;
+    double elapsed_ms;
+    if (timer->queries) {
+        GLuint64 nanoseconds = 0;
+        renderer->gl.EndQuery(GL_TIME_ELAPSED);
+        renderer->gl.GetQueryObjectui64v(timer->query, GL_QUERY_RESULT, &nanoseconds);
+        elapsed_ms = 1e-6 * (double)nanoseconds;
+    } else {
+        renderer->gl.Finish();
+        elapsed_ms = csm_clock_ms() - timer->start_ms;
+    }
+    if (out->timing_count < CSM_MAX_TIMINGS) {
+        out->timing_names[out->timing_count] = name;
+        out->timing_ms[out->timing_count++] = elapsed_ms;
+    }
+}

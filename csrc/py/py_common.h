@@ -1,0 +1,80 @@
+/* py_common.h: what the files of csrc/py share. The only folder that sees Python and numpy. */
+#ifndef CSM_PY_COMMON_H
+#define CSM_PY_COMMON_H
+
+#define PY_SSIZE_T_CLEAN
+#include <Python.h>
+
+#define NPY_NO_DEPRECATED_API NPY_1_23_API_VERSION
+#define PY_ARRAY_UNIQUE_SYMBOL csm_ARRAY_API
+#ifndef CSM_PY_IMPORTS_ARRAY
+#define NO_IMPORT_ARRAY
+#endif
+#include <numpy/arrayobject.h>
+
+#include "csm.h"
+
+enum {
+    CSM_PY_CSM_ERROR,
+    CSM_PY_CONTEXT_ERROR,
+    CSM_PY_SHADER_ERROR,
+    CSM_PY_LIMIT_ERROR,
+    CSM_PY_GL_ERROR,
+    CSM_PY_GL_WARNING,
+    CSM_PY_EXCEPTION_COUNT
+};
+
+typedef struct csm_module_state {
+    PyObject *exceptions[CSM_PY_EXCEPTION_COUNT];
+    PyTypeObject *renderer_type;
+} csm_module_state;
+
+/* errors.c: the only place that maps a status to an exception. Always returns NULL. */
+PyObject *csm_py_raise(PyObject *module, const csm_error *err);
+int csm_py_add_exceptions(PyObject *module);
+
+/* arrays.c */
+
+/* n finite doubles of any sequence or array; name appears in the error. 0, or -1 with an exception. */
+int csm_py_vector(PyObject *object, const char *name, int n, double *out);
+
+/* An attribute as a vector, as a double, as an int. */
+int csm_py_attribute_vector(PyObject *object, const char *attribute, int n, double *out);
+int csm_py_attribute_double(PyObject *object, const char *attribute, double *out);
+int csm_py_attribute_int(PyObject *object, const char *attribute, int *out);
+
+/* A new (count, 4, 4) float64 array over column-major memory: M[i, row, col], strides (128, 8, 32). */
+PyObject *csm_py_new_mat4_array(npy_intp count);
+
+/* An aligned, C-contiguous array of the type and of shape (?, columns), or (?,) for columns 0; a new
+ * reference, or NULL with an exception that names the argument. */
+PyArrayObject *csm_py_rows(PyObject *object, const char *name, int type, int columns);
+
+/* (?, 4, 4) float64 of any strides to column-major memory, from PyMem_Malloc; *out_count matrices. */
+int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *out_count);
+
+/* csm.Camera and csm.ShadowSettings, read by attribute. */
+int csm_py_parse_camera(PyObject *camera, csm_camera *out);
+int csm_py_parse_settings(PyObject *settings, csm_settings *out);
+
+/* core_functions.c */
+
+/* What a fit reads; desc points into settings and bounds of the same struct. */
+typedef struct csm_py_fit {
+    csm_settings settings;
+    double bounds[6];
+    csm_cascades_desc desc;
+} csm_py_fit;
+
+int csm_py_parse_fit(PyObject *camera, PyObject *to_light, PyObject *settings, PyObject *bounds,
+                     PyObject *held_step, csm_py_fit *out);
+PyObject *csm_py_new_cascades(const csm_cascades *cascades); /* dict of the arrays of csm.Cascades */
+extern PyMethodDef csm_py_core_methods[];
+
+/* settings_functions.c */
+extern PyMethodDef csm_py_settings_methods[];
+
+/* renderer_type.c */
+int csm_py_add_renderer_type(PyObject *module);
+
+#endif

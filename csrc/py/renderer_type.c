@@ -1,0 +1,503 @@
+/* renderer_type.c: _core.Renderer, a thin handle on csm_renderer; csm/renderer.py is what users hold.
+ *
+ * The GIL is dropped first, then the renderer takes its lock; the stop callback takes the GIL back for a
+ * moment while the lock is held, which is safe because nobody waits for the lock with the GIL.
+ */
+#include "py_common.h"
+
+#include <limits.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define SCENE_CAPSULE "csm_gpu_scene"
+
+typedef struct renderer_object {
+    PyObject_HEAD
+    csm_renderer *renderer;
+    char *shader_folder;
+} renderer_object;
+
+static PyObject *module_of(PyObject *self) { return PyType_GetModule(Py_TYPE(self)); }
+
+/* -- callbacks of the core, without the GIL -------------------------------------------------------- */
+
+static bool read_shader(void *user, const char *name, char **out_text)
+{
+    char path[4096];
+    const char *folder = user;
+    if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) {
+        return false;
+    }
+    FILE *file = fopen(path, "rb");
+    if (!file) {
+        return false;
+    }
+    char *text = NULL;
+    size_t used = 0, room = 0;
+    for (;;) {
+        if (used + 4096 + 1 > room) {
+            room = 2 * room + 8192;
+            char *grown = realloc(text, room);
+            if (!grown) {
+                break;
+            }
+            text = grown;
+        }
+        size_t got = fread(text + used, 1, 4096, file);
+        used += got;
+        if (!got) {
+            break;
+        }
+    }
+    bool complete = text && !ferror(file);
+    fclose(file);
+    if (!complete) {
+        free(text);
+        return false;
+    }
+    text[used] = '\0';
+    *out_text = text;
+    return true;
+}
+
+/* Signals are handled on the main thread alone; elsewhere this only looks. */
+static bool signal_arrived(void *user)
+{
+    (void)user;
+    PyGILState_STATE gil = PyGILState_Ensure();
+    bool stop = PyErr_CheckSignals() < 0;
+    PyGILState_Release(gil);
+    return stop;
+}
+
+/* -- life ----------------------------------------------------------------------------------------- */
+
+static PyObject *renderer_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
+{
+    static char *names[] = {"backend", "debug", "shader_folder", NULL};
+    int backend, debug;
+    const char *folder;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "ips:Renderer", names, &backend, &debug,
+                                     &folder)) {
+        return NULL;
+    }
+    renderer_object *self = (renderer_object *)type->tp_alloc(type, 0);
+    if (!self) {
+        return NULL;
+    }
+    self->shader_folder = strdup(folder);
+    if (!self->shader_folder) {
+        Py_DECREF(self);
+        return PyErr_NoMemory();
+    }
+    csm_renderer_desc desc = {backend, debug, read_shader, self->shader_folder};
+    csm_error err = {0};
+    csm_status status;
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_renderer_create(&desc, &self->renderer, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        csm_py_raise(PyType_GetModule(type), &err);
+        Py_DECREF(self);
+        return NULL;
+    }
+    return (PyObject *)self;
+}
+
+static PyObject *renderer_close(PyObject *object, PyObject *unused)
+{
+    (void)unused;
+    renderer_object *self = (renderer_object *)object;
+    csm_renderer *renderer = self->renderer;
+    self->renderer = NULL;
+    Py_BEGIN_ALLOW_THREADS
+    csm_renderer_destroy(renderer);
+    Py_END_ALLOW_THREADS
+    Py_RETURN_NONE;
+}
+
+static void renderer_dealloc(PyObject *object)
+{
+    renderer_object *self = (renderer_object *)object;
+    PyTypeObject *type = Py_TYPE(object);
+    csm_renderer_destroy(self->renderer);
+    free(self->shader_folder);
+    type->tp_free(object);
+    Py_DECREF(type);
+}
+
+static csm_renderer *open_renderer(PyObject *object)
+{
+    csm_renderer *renderer = ((renderer_object *)object)->renderer;
+    if (!renderer) {
+        csm_error err = {0};
+        csm_fail(&err, CSM_ERROR_CONTEXT_LOST, "renderer is closed");
+        csm_py_raise(module_of(object), &err);
+    }
+    return renderer;
+}
+
+/* -- small methods -------------------------------------------------------------------------------- */
+
+static PyObject *renderer_describe(PyObject *object, PyObject *unused)
+{
+    (void)unused;
+    csm_renderer *renderer = open_renderer(object);
+    csm_renderer_info info;
+    csm_error err = {0};
+    csm_status status;
+    if (!renderer) {
+        return NULL;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_renderer_describe(renderer, &info, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        return csm_py_raise(module_of(object), &err);
+    }
+    return Py_BuildValue(
+        "{s:s,s:s,s:s,s:s,s:s,s:s,s:N,s:i,s:i,s:L,s:i,s:i}", "backend", info.backend, "platform",
+        info.platform, "vendor", info.vendor, "renderer", info.renderer, "version", info.version,
+        "glsl", info.glsl, "software", PyBool_FromLong(info.software), "max_texture_size",
+        info.max_texture_size, "max_layers", info.max_layers, "max_buffer_bytes",
+        (long long)info.max_buffer_bytes, "programs_compiled", info.programs_compiled,
+        "live_objects", info.live_objects);
+}
+
+static PyObject *renderer_reload(PyObject *object, PyObject *unused)
+{
+    (void)unused;
+    csm_renderer *renderer = open_renderer(object);
+    csm_error err = {0};
+    csm_status status;
+    if (!renderer) {
+        return NULL;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_renderer_reload(renderer, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        return csm_py_raise(module_of(object), &err);
+    }
+    Py_RETURN_NONE;
+}
+
+static void append_message(void *user, unsigned id, const char *severity, const char *text)
+{
+    PyObject *list = user;
+    PyObject *item = Py_BuildValue("(Iss)", id, severity, text);
+    if (item) {
+        PyList_Append(list, item);
+        Py_DECREF(item);
+    }
+}
+
+static PyObject *renderer_messages(PyObject *object, PyObject *unused)
+{
+    (void)unused;
+    csm_renderer *renderer = open_renderer(object);
+    PyObject *list = renderer ? PyList_New(0) : NULL;
+    if (list) {
+        csm_renderer_drain_messages(renderer, append_message, list);
+        if (PyErr_Occurred()) {
+            Py_CLEAR(list);
+        }
+    }
+    return list;
+}
+
+/* -- scenes --------------------------------------------------------------------------------------- */
+
+typedef struct scene_arguments {
+    csm_scene_desc desc;
+    csm_mesh_view *views;
+    PyArrayObject **arrays; /* two per mesh, held while C reads them */
+    PyArrayObject *instance_mesh;
+    double *transforms;
+} scene_arguments;
+
+static void release_scene(scene_arguments *scene)
+{
+    for (int i = 0; scene->arrays && i < 2 * scene->desc.mesh_count; i++) {
+        Py_XDECREF(scene->arrays[i]);
+    }
+    Py_XDECREF(scene->instance_mesh);
+    PyMem_Free(scene->arrays);
+    PyMem_Free(scene->views);
+    PyMem_Free(scene->transforms);
+}
+
+static int parse_meshes(PyObject *meshes, scene_arguments *scene)
+{
+    Py_ssize_t count = PyTuple_GET_SIZE(meshes);
+    scene->views = PyMem_Calloc((size_t)count + 1, sizeof *scene->views);
+    scene->arrays = PyMem_Calloc(2 * (size_t)count + 1, sizeof(PyArrayObject *));
+    if (!scene->views || !scene->arrays) {
+        PyErr_NoMemory();
+        return -1;
+    }
+    scene->desc.mesh_count = (int)count;
+    for (Py_ssize_t i = 0; i < count; i++) {
+        PyObject *positions, *triangles;
+        if (!PyArg_ParseTuple(PyTuple_GET_ITEM(meshes, i), "OO", &positions, &triangles)) {
+            return -1;
+        }
+        scene->arrays[2 * i] = csm_py_rows(positions, "positions", NPY_DOUBLE, 3);
+        scene->arrays[2 * i + 1] = csm_py_rows(triangles, "triangles", NPY_INT32, 3);
+        if (!scene->arrays[2 * i] || !scene->arrays[2 * i + 1]) {
+            return -1;
+        }
+        scene->views[i] = (csm_mesh_view){
+            PyArray_DATA(scene->arrays[2 * i]), (size_t)PyArray_DIM(scene->arrays[2 * i], 0),
+            PyArray_DATA(scene->arrays[2 * i + 1]), (size_t)PyArray_DIM(scene->arrays[2 * i + 1], 0)};
+    }
+    scene->desc.meshes = scene->views;
+    return 0;
+}
+
+static int parse_scene(PyObject *args, scene_arguments *scene)
+{
+    PyObject *meshes, *instance_mesh, *transforms, *origin;
+    npy_intp count;
+    memset(scene, 0, sizeof *scene);
+    if (!PyArg_ParseTuple(args, "O!OOO:upload", &PyTuple_Type, &meshes, &instance_mesh, &transforms,
+                          &origin) ||
+        parse_meshes(meshes, scene) < 0 ||
+        csm_py_vector(origin, "origin", 3, scene->desc.origin) < 0 ||
+        csm_py_matrices(transforms, "world_from_instance", &scene->transforms, &count) < 0) {
+        return -1;
+    }
+    scene->instance_mesh = csm_py_rows(instance_mesh, "instance_mesh", NPY_INT32, 0);
+    if (!scene->instance_mesh) {
+        return -1;
+    }
+    if (PyArray_DIM(scene->instance_mesh, 0) != count) {
+        PyErr_SetString(PyExc_ValueError,
+                        "instance_mesh and world_from_instance must have the same length");
+        return -1;
+    }
+    scene->desc.instance_mesh = PyArray_DATA(scene->instance_mesh);
+    scene->desc.world_from_instance = scene->transforms;
+    scene->desc.instance_count = (int)count;
+    return 0;
+}
+
+static PyObject *renderer_upload(PyObject *object, PyObject *args)
+{
+    csm_renderer *renderer = open_renderer(object);
+    scene_arguments scene;
+    csm_geometry geometry = {0};
+    csm_gpu_scene *uploaded = NULL;
+    csm_error err = {0};
+    csm_status status;
+    if (!renderer) {
+        return NULL;
+    }
+    if (parse_scene(args, &scene) < 0) {
+        release_scene(&scene);
+        return NULL;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_geometry_build(&scene.desc, &geometry, &err);
+    if (status == CSM_OK) {
+        status = csm_renderer_upload(renderer, &geometry, scene.desc.origin, &uploaded, &err);
+    }
+    csm_geometry_destroy(&geometry);
+    Py_END_ALLOW_THREADS
+    release_scene(&scene);
+    if (status != CSM_OK) {
+        return csm_py_raise(module_of(object), &err);
+    }
+    return PyCapsule_New(uploaded, SCENE_CAPSULE, NULL);
+}
+
+static PyObject *renderer_drop(PyObject *object, PyObject *capsule)
+{
+    csm_renderer *renderer = open_renderer(object);
+    csm_gpu_scene *scene = renderer ? PyCapsule_GetPointer(capsule, SCENE_CAPSULE) : NULL;
+    csm_error err = {0};
+    csm_status status;
+    if (!scene) {
+        return NULL;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_renderer_drop(renderer, scene, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        return csm_py_raise(module_of(object), &err);
+    }
+    Py_RETURN_NONE;
+}
+
+/* -- rendering ------------------------------------------------------------------------------------ */
+
+/* The data of a writable, contiguous array of the type and element count, or NULL if it is not in
+ * the dict; *ok is false with an exception if the array is not as it must be. */
+static void *output(PyObject *arrays, const char *name, int type, npy_intp count, bool *ok)
+{
+    PyObject *value = PyDict_GetItemString(arrays, name);
+    if (!value || !*ok) {
+        return NULL;
+    }
+    PyArrayObject *array = (PyArrayObject *)value;
+    if (!PyArray_Check(value) || PyArray_TYPE(array) != type || PyArray_SIZE(array) != count ||
+        !PyArray_ISCARRAY(array)) {
+        PyErr_Format(PyExc_ValueError, "out: %s must be a writable, contiguous array of %zd elements",
+                     name, (Py_ssize_t)count);
+        *ok = false;
+        return NULL;
+    }
+    return PyArray_DATA(array);
+}
+
+static bool bind_arrays(PyObject *arrays, const csm_render_desc *desc, csm_render_out *out)
+{
+    bool ok = true;
+    npy_intp pixels = (npy_intp)desc->camera.width * desc->camera.height;
+    npy_intp points = (npy_intp)desc->point_count;
+    npy_intp texels = 0;
+    for (int i = 0; i < desc->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
+        texels += (npy_intp)desc->settings.map_size[i] * desc->settings.map_size[i];
+    }
+    out->mask = output(arrays, "mask", NPY_FLOAT32, pixels, &ok);
+    out->valid = output(arrays, "valid", NPY_BOOL, pixels, &ok);
+    out->view_depth = output(arrays, "view_depth", NPY_FLOAT32, pixels, &ok);
+    out->cascade_index = output(arrays, "cascade_index", NPY_UINT8, pixels, &ok);
+    out->normal = output(arrays, "normal", NPY_FLOAT32, 3 * pixels, &ok);
+    out->shadow_maps = output(arrays, "shadow_maps", NPY_FLOAT32, texels, &ok);
+    out->point_visibility = output(arrays, "point_visibility", NPY_FLOAT32, points, &ok);
+    out->point_cascade = output(arrays, "point_cascade", NPY_UINT8, points, &ok);
+    return ok;
+}
+
+static PyObject *lists_of(const csm_render_out *out, int cascades)
+{
+    PyObject *timings = PyDict_New(), *items = PyList_New(0), *triangles = PyList_New(0);
+    bool complete = timings && items && triangles;
+    for (int i = 0; i < out->timing_count && complete; i++) {
+        PyObject *value = PyFloat_FromDouble(out->timing_ms[i]);
+        complete = value && PyDict_SetItemString(timings, out->timing_names[i], value) == 0;
+        Py_XDECREF(value);
+    }
+    for (int i = 0; i < cascades && complete; i++) {
+        PyObject *item_count = PyLong_FromLong(out->items_drawn[i]);
+        PyObject *triangle_count = PyLong_FromLongLong(out->triangles_drawn[i]);
+        complete = item_count && triangle_count && PyList_Append(items, item_count) == 0 &&
+                   PyList_Append(triangles, triangle_count) == 0;
+        Py_XDECREF(item_count);
+        Py_XDECREF(triangle_count);
+    }
+    if (!complete) {
+        Py_XDECREF(timings);
+        Py_XDECREF(items);
+        Py_XDECREF(triangles);
+        return NULL;
+    }
+    return Py_BuildValue("{s:N,s:N,s:N}", "timings_ms", timings, "chunks_drawn", items,
+                         "triangles_drawn", triangles);
+}
+
+static PyObject *result_of(const csm_render_out *out, const csm_cascades *cascades)
+{
+    PyObject *lists = lists_of(out, cascades->count);
+    PyObject *fitted = lists ? csm_py_new_cascades(cascades) : NULL;
+    if (!fitted) {
+        Py_XDECREF(lists);
+        return NULL;
+    }
+    return Py_BuildValue("{s:N,s:N,s:s,s:i,s:i,s:K,s:K,s:i}", "cascades", fitted, "lists", lists,
+                         "clock", out->clock, "chunks", out->items_total, "chunks_viewed",
+                         out->view_items_drawn, "bytes", (unsigned long long)out->bytes,
+                         "scene_bytes", (unsigned long long)out->scene_bytes, "programs_compiled",
+                         out->programs_compiled);
+}
+
+PyDoc_STRVAR(render_doc,
+             "render(scene, camera, to_light, settings, scene_bounds, held_step, outputs, arrays, "
+             "points)\n--\n\nFits cascades, runs the plan, fills the arrays of the dict.");
+
+static PyObject *renderer_render(PyObject *object, PyObject *args)
+{
+    PyObject *capsule, *camera, *to_light, *settings, *bounds, *held_step, *arrays, *points;
+    csm_renderer *renderer = open_renderer(object);
+    csm_py_fit fit;
+    csm_cascades cascades;
+    csm_render_out out = {0};
+    csm_error err = {0};
+    csm_status status;
+    unsigned outputs;
+    if (!renderer ||
+        !PyArg_ParseTuple(args, "OOOOOOIO!O:render", &capsule, &camera, &to_light, &settings,
+                          &bounds, &held_step, &outputs, &PyDict_Type, &arrays, &points) ||
+        csm_py_parse_fit(camera, to_light, settings, bounds, held_step, &fit) < 0) {
+        return NULL;
+    }
+    csm_render_desc desc = {.scene = PyCapsule_GetPointer(capsule, SCENE_CAPSULE),
+                            .camera = fit.desc.camera,
+                            .settings = fit.settings,
+                            .cascades = &cascades,
+                            .outputs = outputs,
+                            .stop = signal_arrived};
+    PyArrayObject *point_rows = NULL;
+    if (!desc.scene) {
+        return NULL;
+    }
+    memcpy(desc.to_light, fit.desc.to_light, sizeof desc.to_light);
+    if (points != Py_None) {
+        point_rows = csm_py_rows(points, "points", NPY_DOUBLE, 3);
+        if (!point_rows) {
+            return NULL;
+        }
+        desc.points = PyArray_DATA(point_rows);
+        desc.point_count = (size_t)PyArray_DIM(point_rows, 0);
+    }
+    if (!bind_arrays(arrays, &desc, &out)) {
+        Py_XDECREF(point_rows);
+        return NULL;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_cascades_fit(&fit.desc, &cascades, &err);
+    if (status == CSM_OK) {
+        status = csm_renderer_render(renderer, &desc, &out, &err);
+    }
+    Py_END_ALLOW_THREADS
+    Py_XDECREF(point_rows);
+    return status == CSM_OK ? result_of(&out, &cascades) : csm_py_raise(module_of(object), &err);
+}
+
+static PyMethodDef renderer_methods[] = {
+    {"close", renderer_close, METH_NOARGS, "close()\n--\n\nDestroys the context; again does nothing."},
+    {"describe", renderer_describe, METH_NOARGS, "describe()\n--\n\nDriver, limits and counts."},
+    {"reload", renderer_reload, METH_NOARGS, "reload()\n--\n\nForgets every program."},
+    {"messages", renderer_messages, METH_NOARGS,
+     "messages()\n--\n\n(id, severity, text) of the driver since the last call."},
+    {"upload", renderer_upload, METH_VARARGS,
+     "upload(meshes, instance_mesh, world_from_instance, origin)\n--\n\nA handle on a scene."},
+    {"drop", renderer_drop, METH_O, "drop(scene)\n--\n\nFrees an uploaded scene."},
+    {"render", renderer_render, METH_VARARGS, render_doc},
+    {NULL, NULL, 0, NULL},
+};
+
+static PyType_Slot renderer_slots[] = {
+    {Py_tp_new, renderer_new},
+    {Py_tp_dealloc, renderer_dealloc},
+    {Py_tp_methods, renderer_methods},
+    {Py_tp_doc, "Renderer(backend, debug, shader_folder)\n--\n\nA context and what is on it."},
+    {0, NULL},
+};
+
+static PyType_Spec renderer_spec = {
+    .name = "csm._core.Renderer",
+    .basicsize = sizeof(renderer_object),
+    .flags = Py_TPFLAGS_DEFAULT | Py_TPFLAGS_IMMUTABLETYPE,
+    .slots = renderer_slots,
+};
+
+int csm_py_add_renderer_type(PyObject *module)
+{
+    csm_module_state *state = PyModule_GetState(module);
+    state->renderer_type =
+        (PyTypeObject *)PyType_FromModuleAndSpec(module, &renderer_spec, NULL);
+    return state->renderer_type ? PyModule_AddType(module, state->renderer_type) : -1;
+}

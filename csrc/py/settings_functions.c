@@ -1,0 +1,349 @@
+/* settings_functions.c: settings, effects and plans, for Python. */
+#include "py_common.h"
+
+#include <string.h>
+
+/* Number of a choice in a row's list, -1 if it is none of them. */
+static int choice_number(const csm_effect_info *row, const char *choice)
+{
+    int number = 0;
+    size_t wanted = strlen(choice);
+    for (const char *at = row->choices; *at; number++) {
+        size_t length = strcspn(at, " ");
+        if (length == wanted && !strncmp(at, choice, length)) {
+            return number;
+        }
+        at += length + (at[length] == ' ');
+    }
+    return -1;
+}
+
+static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out)
+{
+    PyObject *value = PyObject_GetAttrString(settings, row->name);
+    if (!value) {
+        return -1;
+    }
+    int status = -1;
+    if (row->type == CSM_TYPE_ENUM) {
+        const char *choice = PyUnicode_Check(value) ? PyUnicode_AsUTF8(value) : NULL;
+        *out = choice ? choice_number(row, choice) : -1;
+        status = *out < 0 ? -1 : 0;
+        if (status < 0 && !PyErr_Occurred()) {
+            PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name, row->choices,
+                         value);
+        }
+    } else if (row->type == CSM_TYPE_BOOL) {
+        *out = PyObject_IsTrue(value);
+        status = *out < 0 ? -1 : 0;
+    } else {
+        status = csm_py_attribute_int(settings, row->name, out);
+    }
+    Py_DECREF(value);
+    return status;
+}
+
+/* map_size is one number for all cascades or a sequence of one per cascade. */
+static int parse_map_size(PyObject *settings, int count, int *out)
+{
+    PyObject *value = PyObject_GetAttrString(settings, "map_size");
+    if (!value) {
+        return -1;
+    }
+    int status = 0;
+    if (PyLong_Check(value)) {
+        for (int i = 0; i < CSM_MAX_CASCADES && status == 0; i++) {
+            status = csm_py_attribute_int(settings, "map_size", &out[i]);
+        }
+    } else {
+        double sizes[CSM_MAX_CASCADES];
+        count = count < 1 ? 1 : count > CSM_MAX_CASCADES ? CSM_MAX_CASCADES : count;
+        status = csm_py_vector(value, "map_size", count, sizes);
+        for (int i = 0; i < count && status == 0; i++) {
+            out[i] = (int)sizes[i];
+        }
+    }
+    Py_DECREF(value);
+    return status;
+}
+
+static int parse_manual_splits(PyObject *settings, int count, double *out)
+{
+    PyObject *value = PyObject_GetAttrString(settings, "manual_splits");
+    if (!value) {
+        return -1;
+    }
+    int status = 0;
+    Py_ssize_t given = PySequence_Size(value);
+    if (given < 0) {
+        status = -1;
+    } else if (given != count - 1) {
+        PyErr_Format(PyExc_ValueError,
+                     "manual_splits must be the %d inner distances of %d cascades (got %zd)",
+                     count - 1, count, given);
+        status = -1;
+    } else if (given > 0) {
+        status = csm_py_vector(value, "manual_splits", count - 1, out);
+    }
+    Py_DECREF(value);
+    return status;
+}
+
+int csm_py_parse_settings(PyObject *settings, csm_settings *out)
+{
+    memset(out, 0, sizeof *out);
+    for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
+        const csm_effect_info *row = csm_effect_describe(i);
+        if (row->name[0] && parse_effect(settings, row, &out->effects[i]) < 0) {
+            return -1;
+        }
+    }
+    int count = out->effects[CSM_EFFECT_CASCADE_COUNT];
+    if (parse_map_size(settings, count, out->map_size) < 0 ||
+        csm_py_attribute_double(settings, "lam", &out->lam) < 0 ||
+        csm_py_attribute_double(settings, "constant_bias_texels", &out->constant_bias_texels) < 0 ||
+        csm_py_attribute_double(settings, "slope_bias", &out->slope_bias) < 0 ||
+        csm_py_attribute_double(settings, "normal_offset_texels", &out->normal_offset_texels) < 0) {
+        return -1;
+    }
+    bool manual = out->effects[CSM_EFFECT_SPLIT] == CSM_SPLIT_MANUAL;
+    if (manual && count >= 1 && count <= CSM_MAX_CASCADES) {
+        return parse_manual_splits(settings, count, out->manual_splits);
+    }
+    return 0;
+}
+
+static int parse_valid(PyObject *module, PyObject *object, csm_settings *out)
+{
+    csm_error err = {0};
+    if (csm_py_parse_settings(object, out) < 0) {
+        return -1;
+    }
+    if (csm_settings_validate(out, &err) != CSM_OK) {
+        csm_py_raise(module, &err);
+        return -1;
+    }
+    return 0;
+}
+
+PyDoc_STRVAR(validate_settings_doc, "validate_settings(settings)\n--\n\n"
+                                    "ValueError with every problem, one per line.");
+
+static PyObject *validate_settings(PyObject *module, PyObject *object)
+{
+    csm_settings settings;
+    if (parse_valid(module, object, &settings) < 0) {
+        return NULL;
+    }
+    Py_RETURN_NONE;
+}
+
+static PyObject *choice_text(const csm_effect_info *row, int value)
+{
+    const char *at = row->choices;
+    for (; value > 0; value--) {
+        at += strcspn(at, " ") + 1;
+    }
+    return PyUnicode_FromStringAndSize(at, (Py_ssize_t)strcspn(at, " "));
+}
+
+static PyObject *effect_value(const csm_effect_info *row, int value)
+{
+    switch (row->type) {
+    case CSM_TYPE_ENUM:
+        return choice_text(row, value);
+    case CSM_TYPE_BOOL:
+        return PyBool_FromLong(value);
+    default:
+        return PyLong_FromLong(value);
+    }
+}
+
+static PyObject *floats(const double *values, int count)
+{
+    PyObject *tuple = PyTuple_New(count);
+    for (int i = 0; i < count && tuple; i++) {
+        PyObject *value = PyFloat_FromDouble(values[i]);
+        if (!value) {
+            Py_CLEAR(tuple);
+        } else {
+            PyTuple_SET_ITEM(tuple, i, value);
+        }
+    }
+    return tuple;
+}
+
+static int set_item(PyObject *dict, const char *key, PyObject *value)
+{
+    int status = value ? PyDict_SetItemString(dict, key, value) : -1;
+    Py_XDECREF(value);
+    return status;
+}
+
+PyDoc_STRVAR(canonical_settings_doc,
+             "canonical_settings(settings)\n--\n\n"
+             "dict of the settings that matter, meaningless ones at their defaults.");
+
+static PyObject *canonical_settings(PyObject *module, PyObject *object)
+{
+    csm_settings settings;
+    PyObject *dict = NULL;
+    if (parse_valid(module, object, &settings) < 0 || !(dict = PyDict_New())) {
+        return NULL;
+    }
+    csm_settings_canonical(&settings);
+    int count = settings.effects[CSM_EFFECT_CASCADE_COUNT];
+    bool manual = settings.effects[CSM_EFFECT_SPLIT] == CSM_SPLIT_MANUAL;
+    double sizes[CSM_MAX_CASCADES];
+    for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
+        const csm_effect_info *row = csm_effect_describe(i);
+        if (row->name[0] &&
+            set_item(dict, row->name, effect_value(row, settings.effects[i])) < 0) {
+            goto fail;
+        }
+    }
+    for (int i = 0; i < count; i++) {
+        sizes[i] = settings.map_size[i];
+    }
+    if (set_item(dict, "map_size", floats(sizes, count)) < 0 ||
+        set_item(dict, "manual_splits", floats(settings.manual_splits, manual ? count - 1 : 0)) < 0 ||
+        set_item(dict, "lam", PyFloat_FromDouble(settings.lam)) < 0 ||
+        set_item(dict, "constant_bias_texels", PyFloat_FromDouble(settings.constant_bias_texels)) < 0 ||
+        set_item(dict, "slope_bias", PyFloat_FromDouble(settings.slope_bias)) < 0 ||
+        set_item(dict, "normal_offset_texels", PyFloat_FromDouble(settings.normal_offset_texels)) < 0) {
+        goto fail;
+    }
+    return dict;
+fail:
+    Py_DECREF(dict);
+    return NULL;
+}
+
+PyDoc_STRVAR(effect_table_doc, "effect_table()\n--\n\n"
+                               "Rows of the effect table as dicts, in order.");
+
+static PyObject *effect_table(PyObject *module, PyObject *unused)
+{
+    (void)module;
+    (void)unused;
+    static const char *const types[] = {"bool", "int", "enum"};
+    PyObject *list = PyList_New(0);
+    for (int i = 0; i < CSM_EFFECT_COUNT && list; i++) {
+        const csm_effect_info *row = csm_effect_describe(i);
+        PyObject *item = Py_BuildValue(
+            "{s:s,s:s,s:s,s:N,s:i,s:i,s:I,s:s,s:s}", "id", row->id, "name", row->name, "type",
+            types[row->type], "default", effect_value(row, row->default_value), "min", row->min,
+            "max", row->max, "passes", row->passes, "choices", row->choices, "help", row->help);
+        if (!item || PyList_Append(list, item) < 0) {
+            Py_CLEAR(list);
+        }
+        Py_XDECREF(item);
+    }
+    return list;
+}
+
+PyDoc_STRVAR(bias_terms_doc, "bias_terms(settings)\n--\n\n"
+                             "Effective bias (receiver_plane, constant_texels, slope_texels, "
+                             "normal_offset_texels, depth share).");
+
+static PyObject *bias_terms(PyObject *module, PyObject *object)
+{
+    csm_settings settings;
+    if (parse_valid(module, object, &settings) < 0) {
+        return NULL;
+    }
+    csm_settings_canonical(&settings);
+    csm_bias bias = csm_settings_bias(&settings);
+    double quantum = csm_depth_quantum(settings.effects[CSM_EFFECT_DEPTH_FORMAT]);
+    return Py_BuildValue("Ndddd", PyBool_FromLong(bias.receiver_plane), bias.constant_texels,
+                         bias.slope_texels, bias.normal_offset_texels, bias.quanta * quantum);
+}
+
+static PyObject *plan_lists(const csm_plan *plan)
+{
+    PyObject *steps = PyList_New(0), *textures = PyList_New(0), *programs = PyList_New(0);
+    bool complete = steps && textures && programs;
+    for (int i = 0; i < plan->step_count && complete; i++) {
+        const csm_plan_step *step = &plan->steps[i];
+        PyObject *item = Py_BuildValue("(siK)", csm_pass_name(step->pass), step->cascade,
+                                       (unsigned long long)step->program_key);
+        complete = item && PyList_Append(steps, item) == 0;
+        Py_XDECREF(item);
+    }
+    for (int i = 0; i < plan->texture_count && complete; i++) {
+        const csm_plan_texture *texture = &plan->textures[i];
+        PyObject *item = Py_BuildValue("(ssiiiK)", texture->name, texture->format, texture->width,
+                                       texture->height, texture->layers,
+                                       (unsigned long long)texture->bytes);
+        complete = item && PyList_Append(textures, item) == 0;
+        Py_XDECREF(item);
+    }
+    for (int i = 0; i < plan->program_count && complete; i++) {
+        PyObject *item = Py_BuildValue("(sK)", csm_pass_name(plan->program_passes[i]),
+                                       (unsigned long long)plan->program_keys[i]);
+        complete = item && PyList_Append(programs, item) == 0;
+        Py_XDECREF(item);
+    }
+    if (!complete) {
+        Py_XDECREF(steps);
+        Py_XDECREF(textures);
+        Py_XDECREF(programs);
+        return NULL;
+    }
+    return Py_BuildValue("(NNNK)", steps, textures, programs, (unsigned long long)plan->bytes);
+}
+
+PyDoc_STRVAR(plan_doc, "plan(settings, width, height, outputs)\n--\n\n"
+                       "(steps, textures, programs, bytes) of a frame; outputs is a bit set.");
+
+static PyObject *plan(PyObject *module, PyObject *args)
+{
+    PyObject *object;
+    int width, height;
+    unsigned outputs;
+    csm_settings settings;
+    csm_plan made;
+    csm_error err = {0};
+    if (!PyArg_ParseTuple(args, "OiiI:plan", &object, &width, &height, &outputs) ||
+        parse_valid(module, object, &settings) < 0) {
+        return NULL;
+    }
+    if (csm_plan_make(&settings, width, height, outputs, &made, &err) != CSM_OK) {
+        return csm_py_raise(module, &err);
+    }
+    return plan_lists(&made);
+}
+
+PyDoc_STRVAR(program_defines_doc, "program_defines(pass_name, settings, outputs)\n--\n\n"
+                                  "The #define lines a pass is compiled with.");
+
+static PyObject *program_defines(PyObject *module, PyObject *args)
+{
+    const char *pass_name;
+    PyObject *object;
+    unsigned outputs;
+    csm_settings settings;
+    char text[8192];
+    if (!PyArg_ParseTuple(args, "sOI:program_defines", &pass_name, &object, &outputs) ||
+        parse_valid(module, object, &settings) < 0) {
+        return NULL;
+    }
+    csm_settings_canonical(&settings);
+    for (int pass = 0; pass < CSM_STEP_COUNT; pass++) {
+        if (!strcmp(csm_pass_name((csm_pass)pass), pass_name)) {
+            csm_program_defines((csm_pass)pass, &settings, outputs, text, sizeof text);
+            return PyUnicode_FromString(text);
+        }
+    }
+    return PyErr_Format(PyExc_ValueError, "pass_name: there is no pass %s", pass_name);
+}
+
+PyMethodDef csm_py_settings_methods[] = {
+    {"validate_settings", validate_settings, METH_O, validate_settings_doc},
+    {"canonical_settings", canonical_settings, METH_O, canonical_settings_doc},
+    {"effect_table", effect_table, METH_NOARGS, effect_table_doc},
+    {"bias_terms", bias_terms, METH_O, bias_terms_doc},
+    {"plan", plan, METH_VARARGS, plan_doc},
+    {"program_defines", program_defines, METH_VARARGS, program_defines_doc},
+    {NULL, NULL, 0, NULL},
+};

@@ -1,0 +1,8 @@
+// filter_hard.glsl: one nearest compare against the receiver's plane at the texel's centre.
+
+float filter_visibility(map_receiver at)
+{
+    ivec2 texel = clamp(at.texel, ivec2(0), ivec2(frame.lattice[at.cascade].z - 1));
+    float stored = texelFetch(shadow_maps, ivec3(texel, at.cascade), 0).r;
+    return at.z + dot(at.slope, 0.5 - at.fraction) <= stored ? 1.0 : 0.0;
+}

@@ -1,0 +1,39 @@
+// frame.glsl: what the CPU tells every pass of a frame; mirrored by csm_frame_uniforms in gl_internal.h.
+//
+// Spaces: "origin" is the world relative to the fixed origin of the scene; light space is a rotation of it.
+// A cascade's texel coordinates are light x, y in texels from the window's lower left corner.
+
+layout(std140, binding = 0) uniform frame_block
+{
+    vec4 light_from_origin[3];      // rows of the rotation; w unused
+    vec4 eye_high, eye_low;         // the eye relative to the origin, in two floats a coordinate
+    vec4 right, up, backward;       // of the camera; right w: 1 if it is orthographic
+    vec4 to_light;
+    mat4 clip_from_eye;             // reversed depth, for the view pass alone
+    vec4 view;                      // half width, half height, near, far
+    ivec4 image;                    // width, height, first row of the band (or first point), points
+    vec4 bias;                      // constant, slope, normal offset [texels], depth offset [0, 1]
+    vec4 window[8];                 // texels per metre in x, y; phase in x, y [texels]
+    ivec4 lattice[8];               // whole texels to the window's corner x, y; size; padding
+    vec4 depth[8];                  // scale, offset of z; texel side in x, y [m]
+    vec4 split[8];                  // far view depth [m]
+} frame;
+
+vec3 light_position(vec3 position_origin)
+{
+    return vec3(dot(frame.light_from_origin[0].xyz, position_origin),
+                dot(frame.light_from_origin[1].xyz, position_origin),
+                dot(frame.light_from_origin[2].xyz, position_origin));
+}
+
+// Light x, y in texels of a cascade, counted from a lattice point near the scene's origin: the same number in
+// every frame while the texel size stays, however the window moves.
+vec2 lattice_texels(vec2 position_ls, int cascade)
+{
+    return position_ls * frame.window[cascade].xy + frame.window[cascade].zw;
+}
+
+float map_depth(float z_ls, int cascade)
+{
+    return z_ls * frame.depth[cascade].x + frame.depth[cascade].y;
+}

@@ -1,0 +1,18 @@
+// receiver.glsl: a point whose visibility is asked for, as the filters see it.
+
+struct receiver
+{
+    vec3 position;  // relative to the scene's origin
+    vec3 normal;    // towards the camera; zero if unknown
+    float view_depth;
+};
+
+// A receiver in the window of one cascade.
+struct map_receiver
+{
+    int cascade;
+    ivec2 texel;    // that holds the point
+    vec2 fraction;  // where in the texel, 0 to 1
+    float z;        // depth, bias subtracted
+    vec2 slope;     // change of depth per texel on the receiver's plane; zero unless receiver_plane
+};
