@@ -39,7 +39,8 @@ LIBC = {
     "stddef.h", "stdint.h", "stdio.h", "stdlib.h", "string.h",
 }  # fmt: skip
 SYSTEM = LIBC | {
-    "dirent.h", "dlfcn.h", "errno.h", "pthread.h", "stdatomic.h", "time.h", "unistd.h",
+    "dirent.h", "dlfcn.h", "errno.h", "pthread.h", "stdatomic.h", "sys/types.h", "time.h",
+    "unistd.h",
 }  # fmt: skip
 
 # folder: system headers, other prefixes, words that must not occur
@@ -174,16 +175,17 @@ def test_only_one_shader_chooses_the_filter():
 
 # Each module may import those before it, never one after it: the order of the data.
 ORDER = [
-    "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "gltf",
-    "animation", "load", "scenes", "settings", "splits", "cascades", "plans", "renderer",
-    "embree", "tracing", "metrics", "checks", "sweeps", "reports", "recommendation", "director",
-    "export", "pictures", "plot", "progress", "pytest_plugin", "viewer", "cli", "__main__",
+    "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "shapes",
+    "plants", "streets", "landscapes", "scenes", "gltf", "animation", "load", "settings", "splits",
+    "cascades", "plans", "renderer", "embree", "tracing", "metrics", "checks", "sweeps", "reports",
+    "recommendation", "director", "export", "pictures", "plot", "progress", "pytest_plugin",
+    "viewer", "cli", "__main__",
 ]  # fmt: skip
-JUDGES = {"embree", "tracing", "metrics", "checks"}  # work on arrays and frames, also somebody else's
+JUDGES = {"embree", "tracing", "metrics", "checks"}  # of arrays, also somebody else's
 LAZY = {
     "elevation": {"rasterio"},
     "load": {"trimesh"},
-    "scenes": {"matplotlib"},
+    "landscapes": {"matplotlib"},
     "embree": {"embreex"},
     "pictures": {"matplotlib", "PIL"},
     "plot": {"matplotlib"},
