@@ -1,0 +1,47 @@
+"""Cascaded shadow maps as numbers: masks, maps and matrices in numpy, judged against the truth."""
+
+from importlib import metadata as _metadata
+
+from . import scenes
+from .cascades import Cascades, fit_cascades
+from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, ShaderError
+from .frame import Frame
+from .load import load, load_elevation
+from .metrics import ErrorReport, compare
+from .plans import Plan, plan
+from .renderer import Renderer, backends
+from .scene import Camera, Mesh, Scene, Sun
+from .settings import ShadowSettings
+from .splits import split_distances
+from .tracing import Truth, truth
+
+__version__ = _metadata.version("cascaded-shadow-maps")
+
+__all__ = [
+    "Camera",
+    "Cascades",
+    "ContextError",
+    "CsmError",
+    "ErrorReport",
+    "Frame",
+    "GLError",
+    "GLWarning",
+    "LimitError",
+    "Mesh",
+    "Plan",
+    "Renderer",
+    "Scene",
+    "ShaderError",
+    "ShadowSettings",
+    "Sun",
+    "Truth",
+    "backends",
+    "compare",
+    "fit_cascades",
+    "load",
+    "load_elevation",
+    "plan",
+    "scenes",
+    "split_distances",
+    "truth",
+]

@@ -1,0 +1,145 @@
+"""What a render gives back: arrays, matrices, times."""
+
+import numpy as np
+
+from .plans import OUTPUTS
+
+__all__ = ["Frame"]
+
+POINT_OUTPUTS = ("point_visibility", "point_cascade")
+
+
+class Frame:
+    """Arrays of one render; holds no OpenGL object, pickles, outlives its renderer.
+
+    Attributes
+    ----------
+    mask : (h, w) float32
+        Visibility of the sun, 0 to 1, 1 = lit; row 0 is on top. 1 where `valid` is False, 0 where
+        a surface does not face the sun.
+    valid : (h, w) bool
+        A surface is seen there.
+    view_depth : (h, w) float32
+        [m], inf where not valid.
+    cascade_index : (h, w) uint8
+        255 = none: beyond the shadow range, lit.
+    shadow_maps : (n, size, size) float32
+        ``[cascade, v, u]``, v = 0 at the bottom; depth 0 at the caster side, 1 far.
+    normal : (h, w, 3) float32
+        Geometric normal towards the camera, 0 where not valid; only if asked for.
+    point_visibility, point_cascade : (m,) float32, (m,) uint8
+        At the `points` of the render.
+    cascades : Cascades
+    camera : Camera
+    sun : Sun
+    settings : ShadowSettings
+    timings_ms : dict of str to float
+        Milliseconds per pass, in order.
+    info : dict
+        Driver, back end, clock of the timings, bytes, programs, canonical settings, culling.
+
+    Raises
+    ------
+    AttributeError
+        For an output that was not asked for.
+    """
+
+    def __init__(self, arrays, *, cascades, camera, sun, settings, timings_ms, info):
+        self._arrays = arrays
+        self.cascades = cascades
+        self.camera = camera
+        self.sun = sun
+        self.settings = settings
+        self.timings_ms = timings_ms
+        self.info = info
+
+    def __getattr__(self, name):
+        if name.startswith("_"):
+            raise AttributeError(name)
+        if name in self._arrays:
+            return self._arrays[name]
+        if name == "shadow_maps" and self.settings.filter == "none":
+            raise AttributeError("filter='none' makes no shadow_maps")
+        if name in OUTPUTS:
+            raise AttributeError(f"{name} was not asked for: render with outputs=({name!r}, ...)")
+        if name in POINT_OUTPUTS:
+            raise AttributeError(f"{name} was not asked for: render with points=...")
+        raise AttributeError(f"a Frame has no {name}")
+
+    def __dir__(self):
+        return [*super().__dir__(), *self._arrays]
+
+    @property
+    def outputs(self):
+        """Names of the arrays this frame has."""
+        return tuple(self._arrays)
+
+    def __repr__(self):
+        width, height = self.camera.size
+        total = sum(self.timings_ms.values())
+        return f"Frame({width}x{height}, {', '.join(self._arrays)}; {total:.1f} ms)"
+
+
+def array_shapes(camera, settings, outputs, point_count):
+    """Shape and dtype of each array of a frame.
+
+    Parameters
+    ----------
+    camera : Camera
+    settings : ShadowSettings
+    outputs : sequence of str
+    point_count : int or None
+        None without points.
+
+    Returns
+    -------
+    shapes : dict of str to (shape, dtype)
+    """
+    width, height = camera.size
+    image = (height, width)
+    size = settings.map_size
+    size = size if isinstance(size, int) else size[0]
+    every = {
+        "mask": (image, np.float32),
+        "valid": (image, np.bool_),
+        "view_depth": (image, np.float32),
+        "cascade_index": (image, np.uint8),
+        "shadow_maps": ((settings.cascade_count, size, size), np.float32),
+        "normal": ((*image, 3), np.float32),
+    }
+    shapes = {name: every[name] for name in OUTPUTS if name in outputs}
+    if settings.filter == "none":
+        shapes.pop("shadow_maps", None)
+    if point_count is not None:
+        shapes["point_visibility"] = ((point_count,), np.float32)
+        shapes["point_cascade"] = ((point_count,), np.uint8)
+    return shapes
+
+
+def prepare_arrays(shapes, out):
+    """New arrays, or those of an earlier frame.
+
+    Parameters
+    ----------
+    shapes : dict of str to (shape, dtype)
+        From `array_shapes`.
+    out : Frame or None
+
+    Returns
+    -------
+    arrays : dict of str to ndarray
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `out` is no Frame or an array of it has another shape.
+    """
+    if out is not None and not isinstance(out, Frame):
+        raise TypeError(f"out must be a Frame of an earlier render (got {type(out).__name__})")
+    arrays = {}
+    for name, (shape, dtype) in shapes.items():
+        earlier = None if out is None else out._arrays.get(name)
+        if earlier is not None and earlier.shape != shape:
+            raise ValueError(f"out: {name} must have shape {shape} (got {earlier.shape})")
+        arrays[name] = np.empty(shape, dtype) if earlier is None else earlier
+    return arrays

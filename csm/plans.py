@@ -1,0 +1,133 @@
+"""What a frame will run and hold, before any OpenGL: passes, textures, programs, bytes."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+from . import _core
+
+__all__ = ["DEFAULT_OUTPUTS", "OUTPUTS", "Plan", "plan"]
+
+#: Outputs that can be asked for by name.
+OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
+DEFAULT_OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps")
+
+
+class Pass(NamedTuple):
+    """One pass of a frame; `cascade` is None unless it belongs to one."""
+
+    name: str
+    cascade: int | None
+    program: int
+
+
+class Texture(NamedTuple):
+    """One texture of a frame."""
+
+    name: str
+    format: str
+    width: int
+    height: int
+    layers: int
+    bytes: int
+
+
+@dataclass(frozen=True)
+class Plan:
+    """Passes in order, textures, and the programs they need.
+
+    Attributes
+    ----------
+    passes : tuple of (name, cascade, program)
+    textures : tuple of (name, format, width, height, layers, bytes)
+    programs : tuple of (pass name, key)
+        Equal keys are one compiled program.
+    bytes : int
+        Of all textures.
+    """
+
+    passes: tuple[Pass, ...]
+    textures: tuple[Texture, ...]
+    programs: tuple[tuple[str, int], ...]
+    bytes: int
+
+    def __str__(self):
+        lines = [f"{len(self.passes)} passes, {len(self.programs)} programs, {self.bytes:,} bytes"]
+        for step in self.passes:
+            place = "" if step.cascade is None else f" cascade {step.cascade}"
+            lines.append(f"  pass     {step.name}{place}")
+        for texture in self.textures:
+            size = f"{texture.width} x {texture.height} x {texture.layers}"
+            lines.append(f"  texture  {texture.name} {texture.format} {size}: {texture.bytes:,} bytes")
+        return "\n".join(lines)
+
+
+def output_bits(outputs, points=False):
+    """Bit set of output names for the core.
+
+    Parameters
+    ----------
+    outputs : sequence of str
+        Names of `OUTPUTS`.
+    points : bool
+        Whether visibility at points is asked for too.
+
+    Returns
+    -------
+    bits : int
+
+    Raises
+    ------
+    TypeError, ValueError
+        If `outputs` is a string, empty without points, or names what does not exist.
+    """
+    if isinstance(outputs, str):
+        raise TypeError(f"outputs must be a sequence of names (got the string {outputs!r})")
+    bits = _core.OUTPUTS["points"] if points else 0
+    for name in outputs:
+        if name not in OUTPUTS:
+            raise ValueError(f"outputs may name {', '.join(OUTPUTS)} (got {name!r})")
+        bits |= _core.OUTPUTS[name]
+    if not bits:
+        raise ValueError("outputs must name at least one output (got none)")
+    return bits
+
+
+def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS):
+    """What rendering with these settings runs and holds; needs no OpenGL.
+
+    Parameters
+    ----------
+    settings : ShadowSettings
+    size : (int, int)
+        Width and height of the camera in pixels.
+    outputs : sequence of str
+        As for `Renderer.render`.
+
+    Returns
+    -------
+    plan : Plan
+        Printable.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value breaks its rule.
+
+    Examples
+    --------
+    >>> import csm
+    >>> print(csm.plan(csm.ShadowSettings(filter="none"), outputs=("mask",)))
+    2 passes, 2 programs, 24,883,200 bytes
+      pass     view
+      pass     shadow_mask
+      texture  view_ids rg32ui 1920 x 1080 x 1: 16,588,800 bytes
+      texture  view_depth d32f 1920 x 1080 x 1: 8,294,400 bytes
+    """
+    width, height = size
+    steps, textures, programs, total = _core.plan(settings, width, height, output_bits(outputs))
+    return Plan(
+        tuple(Pass(name, None if cascade < 0 else cascade, key) for name, cascade, key in steps),
+        tuple(Texture(*texture) for texture in textures),
+        tuple(programs),
+        total,
+    )

@@ -1,0 +1,366 @@
+"""The renderer: an OpenGL context, and frames out of it."""
+
+import logging
+import math
+import os
+import threading
+import warnings
+import weakref
+from importlib import resources
+
+import numpy as np
+
+from . import _core
+from .camera import Camera
+from .cascades import Cascades
+from .errors import ContextError, GLWarning, ShaderError
+from .frame import Frame, array_shapes, prepare_arrays
+from .plans import DEFAULT_OUTPUTS, output_bits
+from .scene import Scene
+from .settings import ShadowSettings
+from .sun import Sun
+
+__all__ = ["Renderer", "backends"]
+
+log = logging.getLogger("csm.gl")
+
+INSTALL_HINT = "install libegl1 and libgl1-mesa-dri, or libosmesa6"
+
+# A view range is held only from one frame of a walk to the next: between cameras further apart than
+# this a frame must not depend on what was rendered before it.
+HELD_STEP_SHARE = 0.05  # of the view range
+HELD_TURN_COSINE = math.cos(math.radians(10.0))
+
+_alive = weakref.WeakSet()
+
+
+def _forget_after_fork():
+    """In a forked child: contexts are the parent's; locks may be held by threads that are gone."""
+    for renderer in list(_alive):
+        renderer._lock = threading.RLock()
+        renderer._forked = True
+
+
+os.register_at_fork(after_in_child=_forget_after_fork)
+
+
+class Renderer:
+    """Renders scenes through OpenGL 4.5, without a window.
+
+    Use it in a ``with`` block, or call `close`. Any thread may use it; calls are serialised.
+
+    Parameters
+    ----------
+    backend : {"auto", "egl", "osmesa", "glfw"}
+        ``"auto"`` takes the first that works, in that order, unless the environment variable
+        ``CSM_BACKEND`` names one. GLFW opens and closes on the main thread alone.
+    debug : bool
+        A debug context: driver messages of severity error raise `GLError`, those of medium
+        severity warn `GLWarning`. Slower.
+    shader_dir : path, optional
+        Folder of shaders to use instead of the package's own; see `reload`.
+
+    Raises
+    ------
+    ValueError
+        If the back end is unknown.
+    ContextError
+        If no context can be made; the text says why for each back end.
+    """
+
+    def __init__(self, backend="auto", *, debug=False, shader_dir=None):
+        self._core = None
+        self._lock = threading.RLock()
+        self._forked = False
+        self._scenes = {}  # id -> (weak reference, handle)
+        self._dropped = []  # handles of scenes that are gone, freed at the next call
+        self._warned = set()
+        self._held = None  # scene reference, camera, range step of the last frame
+        folder = resources.files("csm.shaders") if shader_dir is None else shader_dir
+        self._core = _open(backend, bool(debug), os.fspath(folder))
+        self._info = self._core.describe()
+        _alive.add(self)
+
+    # -- life --------------------------------------------------------------------------------------
+
+    def __enter__(self):
+        return self
+
+    def __exit__(self, *exception):
+        self.close()
+
+    def close(self):
+        """Destroy the context; a second call does nothing.
+
+        Raises
+        ------
+        ContextError
+            If a GLFW renderer is closed off the main thread.
+        """
+        with self._lock:
+            if self._core is None:
+                return
+            if self._info["backend"] == "glfw" and not _on_main_thread():
+                raise ContextError("a GLFW renderer must be closed on the main thread")
+            self._core.close()
+            self._core = None
+            self._scenes.clear()
+            self._dropped.clear()
+
+    def __del__(self):
+        if getattr(self, "_core", None) is None or self._forked:
+            return
+        warnings.warn(f"unclosed {self!r}", ResourceWarning, source=self, stacklevel=2)
+        if self._info["backend"] != "glfw" or _on_main_thread():
+            self.close()
+
+    def __repr__(self):
+        state = "closed" if self._core is None else self._info["renderer"]
+        return f"<csm.Renderer {self._info['backend'] if hasattr(self, '_info') else ''} {state}>"
+
+    def _open_core(self):
+        if self._forked:
+            raise ContextError(
+                "renderer was made before a fork: a context does not survive it, make a new "
+                "Renderer in the child"
+            )
+        if self._core is None:
+            raise ContextError("renderer is closed")
+        return self._core
+
+    @property
+    def info(self):
+        """Back end, driver, limits, and counts of programs compiled and OpenGL objects alive."""
+        with self._lock:
+            return self._open_core().describe()
+
+    def reload(self):
+        """Read and compile every shader again at its next use, for people who edit `shader_dir`.
+
+        Raises
+        ------
+        ContextError
+            If the renderer is closed.
+        """
+        with self._lock:
+            self._open_core().reload()
+
+    # -- work --------------------------------------------------------------------------------------
+
+    def render(
+        self,
+        scene,
+        camera,
+        sun,
+        settings=None,
+        *,
+        outputs=DEFAULT_OUTPUTS,
+        out=None,
+        points=None,
+    ):
+        """Shadow maps and the camera's shadow mask.
+
+        Parameters
+        ----------
+        scene : Scene
+            Uploaded at its first render, freed when it is garbage or the renderer closes.
+        camera : Camera
+        sun : Sun
+        settings : ShadowSettings, optional
+            The defaults if not given.
+        outputs : sequence of str
+            What to bring back; see `Frame`. What is not named is not computed.
+        out : Frame, optional
+            An earlier frame of the same shapes; its arrays are written again and shared with the
+            new frame. Saves the page faults of fresh memory.
+        points : (m, 3) array_like, optional
+            World points [m] whose visibility is wanted too. Their surfaces are not known: they
+            are biased as if tilted 45 degrees to the light.
+
+        Returns
+        -------
+        frame : Frame
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument breaks its rule.
+        ContextError
+            If the renderer is closed or belongs to a parent process.
+        LimitError, ShaderError, GLError
+            If the driver cannot do it.
+        KeyboardInterrupt
+            On Ctrl-C; the renderer stays usable.
+
+        Notes
+        -----
+        Under ``view_range="scene"`` the rounded range has a memory: on a walk (camera steps below
+        5 % of the range and 10 degrees) it shrinks only after two steps, so that a camera at
+        the edge of a step does not flip. Cameras further apart share nothing.
+        """
+        settings = ShadowSettings() if settings is None else settings
+        _check_kinds(scene=scene, camera=camera, sun=sun, settings=settings)
+        points = _checked_points(points)
+        bits = output_bits(outputs, points is not None)
+        point_count = None if points is None else len(points)
+        arrays = prepare_arrays(array_shapes(camera, settings, outputs, point_count), out)
+        with self._lock:
+            core = self._open_core()
+            self._free_dropped(core)
+            try:
+                result = core.render(
+                    self._uploaded(core, scene),
+                    camera,
+                    sun.to_light,
+                    settings,
+                    scene.bounds.ravel(),
+                    self._held_step(scene, camera),
+                    bits,
+                    arrays,
+                    points,
+                )
+            except ShaderError as error:
+                error.defines = _core.program_defines(error.pass_name, settings, bits)
+                raise
+            finally:
+                self._tell_messages(core)
+            cascades = Cascades(**result["cascades"])
+            self._held = (weakref.ref(scene), camera, cascades.range_step, cascades.splits[-1])
+        return Frame(
+            arrays,
+            cascades=cascades,
+            camera=camera,
+            sun=sun,
+            settings=settings,
+            timings_ms=result["lists"]["timings_ms"],
+            info=self._frame_info(result, settings),
+        )
+
+    def _frame_info(self, result, settings):
+        driver = ("backend", "platform", "vendor", "renderer", "version", "software")
+        lists = result["lists"]
+        return {
+            **{name: self._info[name] for name in driver},
+            "clock": result["clock"],
+            "settings": settings.canonical().to_dict(),
+            "bytes": result["bytes"],
+            "scene_bytes": result["scene_bytes"],
+            "programs_compiled": result["programs_compiled"],
+            "chunks": result["chunks"],
+            "chunks_viewed": result["chunks_viewed"],
+            "chunks_drawn": lists["chunks_drawn"],
+            "chunks_culled": [result["chunks"] - drawn for drawn in lists["chunks_drawn"]],
+            "triangles_drawn": lists["triangles_drawn"],
+        }
+
+    def _uploaded(self, core, scene):
+        known = self._scenes.get(id(scene))
+        if known is not None:
+            return known[1]
+        meshes = tuple((mesh.positions, mesh.triangles) for mesh in scene.meshes)
+        handle = core.upload(
+            meshes, scene.instance_mesh, scene.world_from_instance, scene.origin
+        )
+        key, scenes, dropped = id(scene), self._scenes, self._dropped
+
+        def drop(_):
+            # runs wherever the scene dies, perhaps inside a render: only note it
+            if scenes.pop(key, None) is not None:
+                dropped.append(handle)
+
+        self._scenes[key] = (weakref.ref(scene, drop), handle)
+        return handle
+
+    def _free_dropped(self, core):
+        while self._dropped:
+            core.drop(self._dropped.pop())
+
+    def _held_step(self, scene, camera):
+        if self._held is None:
+            return None
+        reference, last, step, view_range = self._held
+        same = reference() is scene and last.near == camera.near and last.size == camera.size
+        moved = np.linalg.norm(camera.eye - last.eye)
+        turned = float(camera.backward @ last.backward)
+        near_enough = moved <= HELD_STEP_SHARE * view_range and turned >= HELD_TURN_COSINE
+        return step if same and near_enough else None
+
+    def _tell_messages(self, core):
+        for number, severity, text in core.messages():
+            if severity != "medium":
+                log.debug("%s: %s", severity, text)
+            elif number not in self._warned:
+                self._warned.add(number)
+                warnings.warn(text, GLWarning, stacklevel=3)
+
+
+def _check_kinds(**arguments):
+    kinds = {"scene": Scene, "camera": Camera, "sun": Sun, "settings": ShadowSettings}
+    for name, value in arguments.items():
+        if not isinstance(value, kinds[name]):
+            raise TypeError(
+                f"{name} must be a csm.{kinds[name].__name__} (got {type(value).__name__})"
+            )
+
+
+def _checked_points(points):
+    if points is None:
+        return None
+    points = np.ascontiguousarray(points, dtype=np.float64)
+    if points.ndim != 2 or points.shape[1] != 3:
+        raise ValueError(f"points: expected (m, 3), got {points.shape}")
+    if not np.isfinite(points).all():
+        raise ValueError("points must be finite (got NaN or inf)")
+    return points
+
+
+def _on_main_thread():
+    return threading.current_thread() is threading.main_thread()
+
+
+def _open_one(name, debug, folder):
+    if name == "glfw" and not _on_main_thread():
+        raise ContextError("glfw: a GLFW renderer must be opened on the main thread")
+    try:
+        return _core.Renderer(_core.BACKENDS.index(name), debug, folder)
+    except ContextError as error:
+        raise ContextError(f"{name}: {error}") from None
+
+
+def _open(backend, debug, folder):
+    if backend == "auto":
+        backend = os.environ.get("CSM_BACKEND") or "auto"
+    if backend != "auto":
+        if backend not in _core.BACKENDS:
+            raise ValueError(
+                f"backend must be one of auto, {', '.join(_core.BACKENDS)} (got {backend!r})"
+            )
+        return _open_one(backend, debug, folder)
+    reasons = []
+    for name in _core.BACKENDS:
+        try:
+            return _open_one(name, debug, folder)
+        except ContextError as error:
+            reasons.append(str(error))
+    raise ContextError(f"no OpenGL context: {'; '.join(reasons)}; {INSTALL_HINT}")
+
+
+def backends():
+    """Try every back end.
+
+    Returns
+    -------
+    backends : list of dict
+        ``name``, ``available``, ``reason`` (why not, else ""), ``info`` (as `Renderer.info`, else
+        empty).
+    """
+    found = []
+    for name in _core.BACKENDS:
+        try:
+            with Renderer(name) as renderer:
+                found.append(
+                    {"name": name, "available": True, "reason": "", "info": renderer.info}
+                )
+        except ContextError as error:
+            found.append({"name": name, "available": False, "reason": str(error), "info": {}})
+    return found

@@ -1,0 +1,213 @@
+"""The settings of a render: every choice, with its default, checked when it is made."""
+
+import math
+from dataclasses import asdict, dataclass, fields, replace
+
+from . import _core
+
+__all__ = ["ShadowSettings"]
+
+
+@dataclass(frozen=True)
+class ShadowSettings:
+    """How shadows are made. Frozen; `replace` makes a changed copy.
+
+    Lengths in texels are texels of the cascade they apply to.
+
+    Parameters
+    ----------
+    cascade_count : int
+        1 to 8.
+    map_size : int or tuple of int
+        Texels along a side of a shadow map, for all cascades or one per cascade.
+    split : {"practical", "uniform", "logarithmic", "manual"}
+        How the view range is cut [Zhang2006]_.
+    lam : float
+        Weight of the logarithmic scheme in ``"practical"``, 0 to 1.
+    manual_splits : tuple of float
+        The ``cascade_count - 1`` inner view depths [m] of ``split="manual"``, ascending.
+    view_range : {"scene", "camera"}
+        ``"scene"`` cuts far to the scene's bounds, rounded up to ``near * 2**(k / 4)`` so that
+        texel sizes stay constant while the camera moves.
+    fit : {"sphere", "box", "diameter", "scene"}
+        How a light window is fitted to its slice of the view.
+    snap : {"exact", "none"}
+        ``"exact"`` puts windows on a texel lattice fixed in the world.
+    select : {"map", "interval"}
+        The first map that holds the point, or the cascade whose view depths hold it.
+    cull : {"inclusive", "none"}
+        Draw only casters that can reach what the camera sees. Changes no mask.
+    pancake : bool
+        Depth range of the slice alone; casters before it are flattened onto its near plane.
+    depth_format : {"d32f", "d24", "d16"}
+    filter : {"hard", "none", "pcf"}
+        One nearest compare; no shadow maps at all; percentage-closer filtering [Reeves1987]_.
+    filter_size : int
+        Side of the pcf kernel: odd, up to 33, or 2 for the hardware's bilinear compare.
+    bias : {"auto", "manual"}
+        ``"auto"``: receiver plane at each texel's centre, plus a quarter texel of slope, half a
+        depth quantum and the rounding of float32. ``"manual"``: the four settings below.
+    constant_bias_texels, slope_bias : float
+        Depth bias along the light, ``t * (constant + slope_bias * (|gx| + |gy|))`` [m] with t the
+        larger texel side [m] and g the receiver's depth gradient; positive lightens.
+    normal_offset_texels : float
+        The receiver is moved by this times ``t * sin(theta)`` along its normal.
+    receiver_plane : bool
+        Compare against the receiver's plane at each texel's centre.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If a value breaks its rule; the text names every one that does.
+
+    References
+    ----------
+    .. [Zhang2006] Zhang, Sun, Xu, Lun: Parallel-split shadow maps for large-scale virtual
+       environments. VRCIA 2006. doi:10.1145/1128923.1128975
+    .. [Reeves1987] Reeves, Salesin, Cook: Rendering antialiased shadows with depth maps.
+       SIGGRAPH 1987. doi:10.1145/37402.37435
+
+    Examples
+    --------
+    >>> ShadowSettings(filter="pcf", filter_size=5).replace(map_size=1024).map_size
+    1024
+    """
+
+    cascade_count: int = 4
+    map_size: int | tuple[int, ...] = 2048
+    split: str = "practical"
+    lam: float = 0.5
+    manual_splits: tuple[float, ...] = ()
+    view_range: str = "scene"
+    fit: str = "sphere"
+    snap: str = "exact"
+    select: str = "map"
+    cull: str = "inclusive"
+    pancake: bool = False
+    depth_format: str = "d32f"
+    filter: str = "hard"
+    filter_size: int = 3
+    bias: str = "auto"
+    constant_bias_texels: float = 0.0
+    slope_bias: float = 0.0
+    normal_offset_texels: float = 0.0
+    receiver_plane: bool = False
+
+    def __post_init__(self):
+        put = object.__setattr__.__get__(self)
+        for field in fields(self):
+            value = getattr(self, field.name)
+            if field.name == "map_size":
+                put("map_size", _map_size(value, self.cascade_count))
+            elif field.name == "manual_splits":
+                put("manual_splits", tuple(_number("manual_splits", item) for item in value))
+            elif field.type is float:
+                put(field.name, _number(field.name, value))
+            elif field.type is int:
+                put(field.name, _whole(field.name, value))
+            elif field.type is bool:
+                if value not in (True, False):
+                    raise TypeError(f"{field.name} must be True or False (got {value!r})")
+                put(field.name, bool(value))
+            elif not isinstance(value, str):
+                raise TypeError(f"{field.name} must be a string (got {value!r})")
+        if self.split == "manual" and len(self.manual_splits) != self.cascade_count - 1:
+            raise ValueError(
+                f"manual_splits must be the {self.cascade_count - 1} inner view depths [m] of "
+                f"{self.cascade_count} cascades (got {len(self.manual_splits)})"
+            )
+        _core.validate_settings(self)
+
+    def replace(self, **changes):
+        """Copy with other values.
+
+        Parameters
+        ----------
+        **changes
+            Settings by name.
+
+        Returns
+        -------
+        settings : ShadowSettings
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a name is no setting or a value breaks its rule.
+        """
+        known = {field.name for field in fields(self)}
+        for name in changes:
+            if name not in known:
+                raise TypeError(
+                    f"{name!r} is no setting; there are {', '.join(sorted(known))}"
+                )
+        if "cascade_count" in changes and isinstance(self.map_size, tuple):
+            changes.setdefault("map_size", _resized(self.map_size, changes["cascade_count"]))
+        return replace(self, **changes)
+
+    def to_dict(self):
+        """Every setting by name: plain values, ready for JSON.
+
+        Returns
+        -------
+        settings : dict
+        """
+        return {
+            name: list(value) if isinstance(value, tuple) else value
+            for name, value in asdict(self).items()
+        }
+
+    def canonical(self):
+        """Equal settings with what has no meaning at its default, so that equal pictures compare equal.
+
+        Returns
+        -------
+        settings : ShadowSettings
+        """
+        values = _core.canonical_settings(self)
+        sizes = tuple(int(size) for size in values["map_size"])
+        values["map_size"] = sizes[0] if len(set(sizes)) == 1 else sizes
+        return ShadowSettings(**values)
+
+
+def _number(name, value):
+    if isinstance(value, bool | str | bytes):
+        raise TypeError(f"{name} must be a number (got {value!r})")
+    try:
+        number = float(value)
+    except (TypeError, ValueError):
+        raise TypeError(f"{name} must be a number (got {value!r})") from None
+    if not math.isfinite(number):
+        raise ValueError(f"{name} must be finite (got {value!r})")
+    return number
+
+
+def _whole(name, value):
+    if isinstance(value, bool | str | bytes):
+        raise TypeError(f"{name} must be a whole number (got {value!r})")
+    try:
+        number = int(value)
+    except (TypeError, ValueError, OverflowError):
+        raise TypeError(f"{name} must be a whole number (got {value!r})") from None
+    if number != value:
+        raise ValueError(f"{name} must be a whole number (got {value!r})")
+    if not -(2**31) <= number < 2**31:
+        raise ValueError(f"{name} must fit 32 bits (got {value!r})")
+    return number
+
+
+def _map_size(value, cascade_count):
+    if not hasattr(value, "__len__"):
+        return _whole("map_size", value)
+    sizes = tuple(_whole("map_size", size) for size in value)
+    if len(sizes) != cascade_count:
+        raise ValueError(
+            f"map_size must be one number, or one for each of {cascade_count} cascades "
+            f"(got {len(sizes)})"
+        )
+    return sizes
+
+
+def _resized(sizes, count):
+    """Sizes for another number of cascades: cut, or the last repeated."""
+    return sizes[:count] + sizes[-1:] * (count - len(sizes))
