@@ -11,7 +11,7 @@ import numpy as np
 from .mesh import drop_unused
 from .spaces import as_number, as_vector, real_array
 
-__all__ = ["degree_size", "grid_centre", "grid_mesh", "read_elevation"]
+__all__ = ["degree_size", "grid_centre", "grid_mesh", "read_elevation", "surface_height"]
 
 # WGS 84: equatorial radius [m] and first eccentricity squared.
 _WGS84_RADIUS = 6378137.0
@@ -94,6 +94,41 @@ def grid_centre(heights, cell_size, origin=None):
     rows, columns = np.shape(heights)
     return np.array(
         [easting + 0.5 * (columns - 1) * east, 0.0, 0.5 * (rows - 1) * north - northing]
+    )
+
+
+def surface_height(heights, cell_size, x, z):
+    """Height of the triangles of `grid_mesh` at points of the centred grid.
+
+    Parameters
+    ----------
+    heights, cell_size
+        As in `grid_mesh`.
+    x, z : (n,) array_like
+        World coordinates [m]; points beyond the edge take the edge cell's plane.
+
+    Returns
+    -------
+    y : (n,) float64
+        [m], NaN in holes.
+
+    Raises
+    ------
+    TypeError, ValueError
+        As `grid_mesh`.
+    """
+    heights = _checked_heights(heights)
+    east, north = _checked_cell_size(cell_size)
+    rows, columns = heights.shape
+    across = np.asarray(x, np.float64) / east + 0.5 * (columns - 1)
+    down = np.asarray(z, np.float64) / north + 0.5 * (rows - 1)
+    column = np.clip(np.floor(across), 0, columns - 2).astype(np.int64)
+    row = np.clip(np.floor(down), 0, rows - 2).astype(np.int64)
+    u, v = across - column, down - row
+    a, b = heights[row, column], heights[row, column + 1]
+    d, e = heights[row + 1, column], heights[row + 1, column + 1]
+    return np.where(
+        u + v <= 1.0, a + u * (b - a) + v * (d - a), e + (1 - u) * (d - e) + (1 - v) * (b - e)
     )
 
 

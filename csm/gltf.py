@@ -31,7 +31,7 @@ class Document:
     buffers: tuple[bytes, ...]
 
     def items(self, what):
-        """The JSON array `what`, or an empty list.
+        """Return the JSON array `what`, or an empty list.
 
         Raises ValueError if it is something else than a list of objects.
         """

@@ -62,6 +62,13 @@ def as_number(name, value, low=-math.inf, high=math.inf, *, rule=None):
     return number
 
 
+def as_whole(name, value, low, high):
+    """Check that a value is a whole number in [low, high]; TypeError or ValueError if not."""
+    if isinstance(value, bool) or not isinstance(value, (int, np.integer)):
+        raise TypeError(f"{name} must be a whole number from {low} to {high} (got {value!r})")
+    return int(as_number(name, value, low, high))
+
+
 def as_vector(name, value, length=3):
     """Copy a value to a read-only float64 vector of finite numbers.
 
