@@ -6,7 +6,7 @@ from . import scenes
 from .cascades import Cascades, fit_cascades
 from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, ShaderError
 from .frame import Frame
-from .load import load, load_elevation
+from .loading import load, load_elevation
 from .metrics import ErrorReport, compare
 from .plans import Plan, plan
 from .renderer import Renderer, backends

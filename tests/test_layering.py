@@ -176,15 +176,15 @@ def test_only_one_shader_chooses_the_filter():
 # Each module may import those before it, never one after it: the order of the data.
 ORDER = [
     "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "shapes",
-    "plants", "streets", "landscapes", "scenes", "gltf", "animation", "load", "settings", "splits",
-    "cascades", "plans", "renderer", "embree", "tracing", "metrics", "checks", "sweeps", "reports",
-    "recommendation", "director", "export", "pictures", "plot", "progress", "pytest_plugin",
-    "viewer", "cli", "__main__",
+    "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings", "splits",
+    "cascades", "plans", "frame", "renderer", "embree", "tracing", "metrics", "checks", "sweeps",
+    "reports", "recommendation", "director", "export", "pictures", "plot", "results", "progress",
+    "pytest_plugin", "viewer", "arguments", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {"embree", "tracing", "metrics", "checks"}  # of arrays, also somebody else's
 LAZY = {
     "elevation": {"rasterio"},
-    "load": {"trimesh"},
+    "loading": {"trimesh"},
     "landscapes": {"matplotlib"},
     "embree": {"embreex"},
     "pictures": {"matplotlib", "PIL"},
@@ -218,7 +218,7 @@ def imports(path):
 @pytest.mark.parametrize("path", relative(MODULES))
 def test_module_imports_only_upstream(path):
     assert path.stem in ORDER, f"say in ORDER where csm/{path.name} stands in the data flow"
-    allowed = {"_core", "shaders", *ORDER[: ORDER.index(path.stem)]}
+    allowed = {"_core", "shaders", "__version__", *ORDER[: ORDER.index(path.stem)]}
     if path.stem in JUDGES:
         allowed -= {"renderer", "_core"}
     for name, _ in imports(path):
@@ -244,7 +244,8 @@ def test_package_init_is_names_alone():
 
 
 def test_no_public_name_is_a_module():
-    # `from .splits import splits` would rebind the attribute csm.splits.
+    # `from .splits import splits` would rebind the attribute csm.splits. The one exception is
+    # csm.load, a name that scripts rely on; its module is reached with `from csm.load import`.
     tree = ast.parse((PACKAGE / "__init__.py").read_text())
     names = {
         a.asname or a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names
@@ -255,7 +256,7 @@ def test_no_public_name_is_a_module():
         if isinstance(n, ast.ImportFrom) and n.level and not n.module
         for a in n.names
     }
-    assert not (names - relative_modules) & {path.stem for path in MODULES}
+    assert not (names - relative_modules) & {path.stem for path in MODULES} - {"load"}
 
 
 @pytest.mark.parametrize("path", relative((ROOT / "benchmarks").glob("*.py")))
