@@ -1,0 +1,179 @@
+"""Light windows of slices: the smallest sphere, the diameter, boxes; every slice is covered."""
+
+import numpy as np
+import oracles
+import pytest
+from views import assert_covers, assert_finite, clip_points, scene_of, turned
+
+import csm
+from csm import _core
+
+FITS = ["sphere", "box", "diameter", "scene"]
+FOVS = [0.1, 1, 5, 20, 45, 60, 90, 120, 150, 170, 179]
+ASPECTS = [0.1, 1.0, 16 / 9, 32 / 9, 10.0]
+RATIOS = [1.001, 1.5, 3.0, 10.0, 1e3, 1e6]
+LIGHT_ANGLES = [0, 1e-9, 1e-6, 1e-3, 5, 30, 60, 90, 120, 175, 180]
+
+
+def lens(half_width, half_height, near=1.0, far=2.0, orthographic=False):
+    """A camera at the origin that looks down -z."""
+    return csm.Camera(
+        np.zeros(3), *np.eye(3), half_width, half_height, near, far, (64, 64), orthographic
+    )
+
+
+def tangents():
+    for fov in FOVS:
+        for aspect in ASPECTS:
+            half_height = np.tan(np.radians(fov / 2))
+            yield half_height * aspect, half_height
+
+
+# -------------------------------------------------------------------------------------------------
+# The fits themselves (SPEC 1.2, 1.3)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_sphere_holds_the_corners_and_is_the_smallest(ratio):
+    for half_width, half_height in tangents():
+        centre, radius = _core.fit_sphere(lens(half_width, half_height), 1.0, ratio)
+        corners = oracles.view_corners(half_width, half_height, 1.0, ratio)
+        distances = np.linalg.norm(corners - [0, 0, centre], axis=1)
+        # A handful of roundings each; the brute force solves systems of condition up to 1e6.
+        assert distances.max() <= radius * (1 + 1e-12)
+        assert radius <= oracles.enclosing_ball_radius(corners) * (1 + 1e-9)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_sphere_is_continuous_where_its_two_cases_meet(ratio):
+    k2 = (ratio - 1.0) / (ratio + 1.0)
+    fits = []
+    for nudge in (-1e-12, 0.0, 1e-12):
+        half = np.sqrt(k2 * (1 + nudge) / 2)
+        fits.append(_core.fit_sphere(lens(half, half), 1.0, ratio))
+    fits = np.array(fits)
+    assert np.ptp(fits, axis=0).max() <= 1e-10 * fits.max()
+
+
+def test_sphere_and_diameter_of_an_orthographic_slice():
+    camera = lens(3.0, 2.0, -4.0, 8.0, orthographic=True)
+    assert _core.fit_sphere(camera, -4.0, 8.0) == pytest.approx((2.0, 7.0), rel=1e-15)
+    assert _core.fit_diameter(camera, -4.0, 8.0) == pytest.approx(14.0, rel=1e-15)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_diameter_is_the_largest_distance_and_bounds_every_box(ratio):
+    rng = np.random.default_rng(4)
+    rotations = np.array([oracles.random_rotation(rng) for _ in range(1000)])
+    for half_width, half_height in tangents():
+        camera = lens(half_width, half_height)
+        diameter = _core.fit_diameter(camera, 1.0, ratio)
+        corners = oracles.view_corners(half_width, half_height, 1.0, ratio)
+        largest = np.linalg.norm(corners[:, None] - corners, axis=2).max()
+        assert diameter == pytest.approx(largest, rel=1e-12)
+        sides = np.ptp(corners @ rotations, axis=1)
+        assert sides.max() <= diameter * (1 + 1e-12)
+        radius = _core.fit_sphere(camera, 1.0, ratio)[1]
+        # 2R/D is at most 2/sqrt(3), by Jung's theorem for the plane of the axis.
+        assert 1 - 1e-12 <= 2 * radius / diameter <= 2 / np.sqrt(3) + 1e-12
+
+
+def test_box_window_touches_its_slice_on_every_side():
+    rng = np.random.default_rng(5)
+    settings = csm.ShadowSettings(fit="box", snap="none", cascade_count=3)
+    for _ in range(20):
+        camera = turned(rng, eye=rng.normal(size=3) * 50)
+        cascades = csm.fit_cascades(camera, csm.Sun(rng.normal(size=3)), settings)
+        for i in range(3):
+            corners = oracles.camera_corners(camera, *cascades.splits[i : i + 2])
+            clip = clip_points(cascades, i, corners)[:, :2]
+            np.testing.assert_allclose(clip.min(axis=0), -1, atol=1e-11)
+            np.testing.assert_allclose(clip.max(axis=0), 1, atol=1e-11)
+
+
+def test_scene_fit_reaches_from_near_to_each_split():
+    rng = np.random.default_rng(6)
+    camera, sun = turned(rng), csm.Sun(rng.normal(size=3))
+    cascades = csm.fit_cascades(camera, sun, csm.ShadowSettings(fit="scene", snap="none"))
+    for i in range(4):
+        whole = camera.replace(far=cascades.splits[i + 1])
+        alone = csm.fit_cascades(
+            whole, sun, csm.ShadowSettings(fit="box", snap="none", cascade_count=1)
+        )
+        np.testing.assert_allclose(cascades.texel_size[i], alone.texel_size[0], rtol=1e-12)
+
+
+def test_texels_of_the_diameter_fit_are_never_larger_than_of_the_sphere():
+    rng = np.random.default_rng(7)
+    for fov in (10, 30, 60, 90):
+        camera, sun = turned(rng, fov), csm.Sun(rng.normal(size=3))
+        sizes = [
+            csm.fit_cascades(camera, sun, csm.ShadowSettings(fit=fit)).texel_size
+            for fit in ("diameter", "sphere")
+        ]
+        assert (sizes[0] <= sizes[1] * (1 + 1e-12)).all()
+
+
+# -------------------------------------------------------------------------------------------------
+# Coverage and selection (C1, C2, W1)
+
+
+def light_at(camera, angle_deg, rng):
+    """A sun at an angle from the direction of view."""
+    around = rng.uniform(0, 2 * np.pi)
+    side = np.cos(around) * camera.right + np.sin(around) * camera.up
+    angle = np.radians(angle_deg)
+    return csm.Sun(-np.cos(angle) * camera.backward + np.sin(angle) * side)
+
+
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("padding", range(8))
+def test_every_slice_lies_in_its_own_inner_window(fit, padding):
+    rng = np.random.default_rng(100 + padding)
+    settings = csm.ShadowSettings(
+        fit=fit, filter="pcf" if padding else "hard", filter_size=2 * padding + 1 if padding else 3,
+        map_size=256, snap="exact" if padding % 2 else "none", cascade_count=1 + padding % 4,
+    )  # fmt: skip
+    for angle in LIGHT_ANGLES:
+        for fov in (15, 60, 95, 150):
+            camera = turned(rng, fov, eye=rng.normal(size=3) * 100)
+            cascades = csm.fit_cascades(camera, light_at(camera, angle, rng), settings)
+            assert_finite(cascades)
+            assert_covers(camera, cascades, padding, rng)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("snap", ["exact", "none"])
+def test_coverage_at_length(fit, snap):
+    rng = np.random.default_rng(8)
+    for padding in range(8):
+        settings = csm.ShadowSettings(
+            fit=fit, filter="pcf" if padding else "hard",
+            filter_size=2 * padding + 1 if padding else 3, map_size=64, snap=snap,
+        )  # fmt: skip
+        for angle in LIGHT_ANGLES:
+            for fov in (0.1, 15, 60, 95, 150, 179):
+                for _ in range(10):
+                    camera = turned(rng, fov, eye=rng.normal(size=3) * 1000)
+                    cascades = csm.fit_cascades(camera, light_at(camera, angle, rng), settings)
+                    assert_covers(camera, cascades, padding, rng)
+
+
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("fov", [0.1, 179.0])
+@pytest.mark.parametrize("up", [(0, 0, 1), (1, 0, 1)], ids=["level", "rolled"])
+@pytest.mark.parametrize("down", [True, False], ids=["down", "up"])
+@pytest.mark.parametrize("teleport", [0.0, 1e6])
+def test_extreme_cameras_are_finite_and_covered(fit, fov, up, down, teleport):
+    rng = np.random.default_rng(9)
+    eye = np.array([1.0, 2.0, 3.0]) + teleport
+    target = eye + np.array([0.0, -1.0 if down else 1.0, 0.0])
+    camera = csm.Camera.look_at(eye, target, up=up, fov_y_deg=fov, near=1e-4, far=1e6, size=(16, 9))
+    for to_light in ((0, 1, 0), (0.3, -1e-9, 0.5), (1, 1, 1)):
+        for scene in (None, scene_of(np.array([[-50.0, 0, -50], [50, 10, 50]]) + teleport)):
+            cascades = csm.fit_cascades(
+                camera, csm.Sun(to_light), csm.ShadowSettings(fit=fit), scene=scene
+            )
+            assert_finite(cascades)
+            assert_covers(camera, cascades, 0, rng, scene=scene)
