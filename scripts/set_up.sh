@@ -122,7 +122,7 @@ install_package() {
         .venv/bin/python -c 'import tomllib
 print(*tomllib.load(open("pyproject.toml", "rb"))["build-system"]["requires"], sep="\n")' |
             .venv/bin/python -m pip install -q -r /dev/stdin
-        .venv/bin/python -m pip install -q --no-build-isolation -e ".[$extra]"
+        .venv/bin/python -m pip install -qq --no-build-isolation -e ".[$extra]"
     elif ! done_before extension "$extension" || ! has_file 'csm/_core.*.so'; then
         say "building csm._core"
         .venv/bin/python setup.py -q build_ext --inplace

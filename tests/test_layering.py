@@ -176,10 +176,10 @@ def test_only_one_shader_chooses_the_filter():
 # Each module may import those before it, never one after it: the order of the data.
 ORDER = [
     "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "shapes",
-    "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings", "splits",
-    "cascades", "plans", "frame", "renderer", "embree", "tracing", "metrics", "checks", "sweeps",
-    "reports", "recommendation", "director", "export", "pictures", "plot", "results", "progress",
-    "pytest_plugin", "viewer", "arguments", "cli", "__main__",
+    "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings",
+    "splits", "cascades", "plans", "frame", "renderer", "embree", "tracing", "metrics", "checks",
+    "sweeps", "reports", "recommendation", "director", "export", "pictures", "plot", "results",
+    "progress", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {"embree", "tracing", "metrics", "checks"}  # of arrays, also somebody else's
 LAZY = {
@@ -244,8 +244,7 @@ def test_package_init_is_names_alone():
 
 
 def test_no_public_name_is_a_module():
-    # `from .splits import splits` would rebind the attribute csm.splits. The one exception is
-    # csm.load, a name that scripts rely on; its module is reached with `from csm.load import`.
+    # `from .splits import splits` would rebind the attribute csm.splits.
     tree = ast.parse((PACKAGE / "__init__.py").read_text())
     names = {
         a.asname or a.name for n in tree.body if isinstance(n, ast.ImportFrom) for a in n.names
@@ -256,7 +255,7 @@ def test_no_public_name_is_a_module():
         if isinstance(n, ast.ImportFrom) and n.level and not n.module
         for a in n.names
     }
-    assert not (names - relative_modules) & {path.stem for path in MODULES} - {"load"}
+    assert not (names - relative_modules) & {path.stem for path in MODULES}
 
 
 @pytest.mark.parametrize("path", relative((ROOT / "benchmarks").glob("*.py")))
