@@ -1,0 +1,234 @@
+"""Exact stabilisation: the texel grid stays where it is in the world, in x, y and in depth."""
+
+import itertools
+
+import numpy as np
+import oracles
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from views import scene_of, turned
+
+import csm
+from csm import _core, spaces
+
+EXACT, NONE = 0, 1
+SIZES = [64, 255, 256, 1024, 4096]
+PADDINGS = [0, 1, 3, 7]
+PATHS = ["walk", "turn", "creep"]
+
+
+def suns():
+    """Six along the axes, twenty at random."""
+    rng = np.random.default_rng(20)
+    axes = [sign * row for row in np.eye(3) for sign in (1.0, -1.0)]
+    return [csm.Sun(direction) for direction in [*axes, *rng.normal(size=(20, 3))]]
+
+
+def settings_for(size, padding, **changes):
+    return csm.ShadowSettings(
+        map_size=size, cascade_count=2, view_range="camera",
+        filter="pcf" if padding else "hard", filter_size=2 * padding + 1 if padding else 3,
+        **changes,
+    )  # fmt: skip
+
+
+def path_of(kind, steps, texel, rng):
+    """Cameras of a random walk, a pure rotation, a creep of 1e-4 texels per frame."""
+    camera = turned(rng, fov=50, near=0.5, far=60, eye=rng.normal(size=3) * 100)
+    heading = rng.normal(size=3)
+    heading /= np.linalg.norm(heading)
+    for _ in range(steps):
+        yield camera
+        if kind == "walk":
+            camera = camera.translated(rng.normal(size=3))
+        if kind == "creep":
+            camera = camera.translated(1e-4 * texel * heading)
+        else:
+            axes = oracles.random_rotation(rng)
+            camera = camera.replace(right=axes[0], up=axes[1], backward=axes[2])
+
+
+def check_path(kind, size, padding, sun, fit, steps, rng):
+    settings = settings_for(size, padding, fit=fit)
+    points = rng.uniform(-200, 200, size=(2000, 3))
+    texel = phase = None
+    for camera in path_of(kind, steps, 0.05, rng):
+        cascades = csm.fit_cascades(camera, sun, settings)
+        if texel is None:
+            texel = cascades.texel_size
+        # One texel size per cascade, to the bit.
+        assert np.array_equal(cascades.texel_size, texel)
+        scale = cascades.clip_from_light[:, [0, 1], [0, 1]]
+        corner = (-1 - cascades.clip_from_light[:, :2, 3]) / scale
+        texels_off = np.abs(corner).max() / texel.min() + size
+        # SPEC X1: the window's corner is a whole number of texels, to 8 roundings of its distance.
+        rounding = 8 * 2.0**-52 * texels_off
+        assert np.abs(corner / texel - cascades.lattice).max() <= rounding
+        # The place of fixed points within their texels: u * S counts from the window's corner, the
+        # lattice from the world's origin.
+        places = np.stack(
+            [spaces.transform_points(m, points)[:, :2] * size for m in cascades.uvz_from_world]
+        )
+        places += cascades.lattice[:, None, :]
+        if phase is None:
+            phase = places
+        reach = (np.abs(points).max() * 2 + np.abs(corner).max()) / texel.min() + size
+        assert np.abs(places - phase).max() <= 8 * 2.0**-52 * reach
+
+
+@pytest.mark.parametrize("kind", PATHS)
+@pytest.mark.parametrize("fit", ["sphere", "diameter"])
+def test_a_moving_camera_leaves_the_texel_grid_in_place(kind, fit):
+    rng = np.random.default_rng(21)
+    for number, sun in enumerate(suns()):
+        size, padding = SIZES[number % len(SIZES)], PADDINGS[number % len(PADDINGS)]
+        check_path(kind, size, padding, sun, fit, 40, rng)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", PATHS)
+@pytest.mark.parametrize(("size", "padding"), list(itertools.product(SIZES, PADDINGS)))
+def test_thousand_steps(kind, size, padding):
+    rng = np.random.default_rng(22)
+    every = suns()
+    for sun in (every[size % 6], every[6 + padding]):
+        check_path(kind, size, padding, sun, "sphere", 1000, rng)
+
+
+def test_a_box_fit_keeps_its_texels_while_the_camera_only_moves():
+    rng = np.random.default_rng(23)
+    settings = settings_for(512, 0, fit="box")
+    camera, sun = turned(rng), csm.Sun((1, 2, 3))
+    sizes = [
+        csm.fit_cascades(camera.translated(rng.normal(size=3) * 1e3), sun, settings).texel_size
+        for _ in range(50)
+    ]
+    assert np.ptp(sizes, axis=0).max() == 0.0
+
+
+def test_without_snapping_the_grid_does_move():
+    # What the tests above would see if snapping did nothing.
+    rng = np.random.default_rng(24)
+    settings = settings_for(256, 0, snap="none")
+    camera, sun = turned(rng), csm.Sun((1, 2, 3))
+    places = []
+    for _ in range(20):
+        cascades = csm.fit_cascades(camera.translated(rng.normal(size=3)), sun, settings)
+        assert not cascades.lattice.any()
+        places.append(cascades.uvz_from_world[0, :2, 3] * 256 % 1.0)
+    assert np.ptp(places, axis=0).min() > 0.5
+
+
+def test_rounding_of_the_range_is_the_only_change_of_texel_size():
+    scene = scene_of([[-300, 0, -300], [300, 20, 300]])
+    rng = np.random.default_rng(25)
+    held, sizes, steps = None, [], []
+    sun, settings = csm.Sun((1, 2, 3)), csm.ShadowSettings()
+    for _ in range(300):
+        camera = turned(rng, near=0.1, far=2000, eye=rng.uniform(-200, 200, 3) * [1, 0, 1] + 3)
+        cascades = csm.fit_cascades(camera, sun, settings, scene=scene, held_step=held)
+        held = cascades.range_step
+        sizes.append(tuple(cascades.texel_size[:, 0]))
+        steps.append(held)
+    assert len(set(steps)) > 3
+    assert len(set(sizes)) == len(set(steps))
+
+
+# -------------------------------------------------------------------------------------------------
+# Depth (SPEC 1.4, D3): with pancaking the range moves, by whole quanta
+
+
+@pytest.mark.parametrize("depth_format", ["d16", "d24"])
+@pytest.mark.parametrize("extent", [10.0, 1e4])
+def test_decoded_depth_of_static_points_is_constant(depth_format, extent):
+    levels = {"d16": 2**16 - 1, "d24": 2**24 - 1}[depth_format]
+    rng = np.random.default_rng(26)
+    settings = csm.ShadowSettings(
+        pancake=True, depth_format=depth_format, cascade_count=2, view_range="camera"
+    )
+    scene = scene_of([[-9 * extent] * 3, [9 * extent] * 3])
+    points = rng.uniform(-extent / 20, extent / 20, size=(500, 3))
+    camera = turned(rng, near=0.01 * extent, far=extent)
+    first = spans = None
+    moved = set()
+    for _ in range(200):
+        camera = camera.translated(rng.normal(size=3) * extent / 200)
+        cascades = csm.fit_cascades(camera, csm.Sun((1, 2, 3)), settings, scene=scene)
+        z_scale = -cascades.clip_from_light[:, 2, 2]
+        if spans is None:
+            spans = 1 / z_scale
+        assert np.array_equal(1 / z_scale, spans)
+        # Near is a whole number of steps of 1/255 of the span, each a whole number of quanta.
+        near_steps = cascades.depth_range[:, 0] / spans * 255
+        assert np.abs(near_steps - np.round(near_steps)).max() < 1e-9
+        near_quanta = int(np.round(near_steps[1])) * (levels // 255)
+        moved.add(near_quanta)
+        z = spaces.transform_points(cascades.clip_from_world[1], points)[:, 2] * levels
+        # In the world: stored number plus the quanta of near. Points within 1e-4 quanta of a
+        # rounding boundary are left out: there the last bit of a double decides.
+        decided = np.abs(z % 1.0 - 0.5) > 1e-4
+        decoded = np.where(decided, np.round(z) + near_quanta, np.nan)
+        if first is None:
+            first = decoded
+        both = ~np.isnan(first) & ~np.isnan(decoded)
+        assert both.mean() > 0.99
+        assert np.array_equal(decoded[both], first[both])
+    assert len(moved) > 3
+
+
+# -------------------------------------------------------------------------------------------------
+# The window (SPEC 1.4)
+
+
+@given(
+    centre=st.tuples(st.floats(-1e6, 1e6), st.floats(-1e6, 1e6)),
+    half=st.tuples(st.floats(1e-2, 1e4), st.floats(1e-2, 1e4)),
+    size=st.integers(17, 5000),
+    padding=st.integers(0, 7),
+    snap=st.sampled_from([EXACT, NONE]),
+)
+def test_a_padded_window_keeps_its_content_inside(centre, half, size, padding, snap):
+    corner, texel, lattice = _core.snap_window(centre, half, size, padding, snap)
+    centre, half = np.array(centre), np.array(half)
+    spent = 2 * padding + (1 if snap == EXACT else 0)
+    np.testing.assert_allclose(texel * (size - spent), 2 * half, rtol=1e-15)
+    # Rounded in units of the texel, at the distance of the window: a few parts in 2^52 of it.
+    slack = 8 * 2.0**-52 * (np.abs(centre) + half + size * texel)
+    assert (corner + padding * texel <= centre - half + slack).all()
+    assert (corner + (size - padding) * texel >= centre + half - slack).all()
+    if snap == EXACT:
+        assert lattice.dtype == np.int64
+        assert np.array_equal(corner, lattice * texel)
+    else:
+        assert lattice.tolist() == [0, 0]
+        np.testing.assert_allclose(corner + size / 2 * texel, centre, atol=slack.max())
+
+
+def test_unit_of_snapping_is_one_texel_and_the_corner_is_snapped():
+    # 2H/S, not R/S (the printed listing of the literature): SPEC 2. 8 texels of 1 m, one for
+    # rounding: a window of half extent 3.5 m.
+    for size in (8, 9):
+        half = (size - 1) / 2
+        starts = []
+        for centre in np.linspace(-2, 2, 41):
+            corner, texel, lattice = _core.snap_window((centre, 0), (half, half), size, 0, EXACT)
+            assert texel.tolist() == [1.0, 1.0]
+            assert corner[0] == lattice[0] == np.round(corner[0])
+            starts.append(corner[0])
+        assert set(np.diff(starts)) == {0.0, 1.0}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "text"),
+    [
+        (((0, 0), (1, 1), 3, 1, EXACT), "map_size must be > 3 for a kernel radius of 1 texels"),
+        (((0, 0), (1, 1), 2, 1, NONE), "map_size must be > 2 .* with snap none .got 2"),
+        (((0, 0), (0, 1), 64, 0, EXACT), "extent > 0 .got centre 0, half extent 0"),
+        (((1e18, 0), (1, 1), 64, 0, EXACT), "more than 2.53 texels from the world origin"),
+        (((0, 0), (1, 1), 64, -1, EXACT), "kernel radius of -1"),
+    ],
+)
+def test_impossible_windows_are_refused(arguments, text):
+    with pytest.raises(ValueError, match=text):
+        _core.snap_window(*arguments)
