@@ -12,6 +12,7 @@ if [ -e "$numbers" ] && [ -z "$(find csm csrc shaders scripts/demo.sh -newer "$n
     echo "Nothing has changed since these were made (rm -r demo to make them again)."
 else
     # Twelve kilometres in one view: nearly logarithmic splits keep texels small near the eye.
+    mkdir -p build
     .venv/bin/csm render demo --set lam=0.95 --truth --out demo | tee build/numbers.txt
     mv build/numbers.txt "$numbers"
 fi
