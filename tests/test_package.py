@@ -156,4 +156,5 @@ def test_installed_package_holds_shaders_and_types():
     shaders = {f"csm/{p.relative_to(ROOT)}" for p in (ROOT / "shaders").rglob("*.*") if p.is_file()}
     shaders = {name for name in shaders if not name.endswith(".pyc")}
     assert shaders <= files
-    assert {"csm/py.typed", "csm/_core.pyi"} <= files
+    types = {f"csm/{p.name}" for p in (ROOT / "csm").iterdir() if p.suffix in (".typed", ".pyi")}
+    assert {"csm/py.typed"} <= types <= files
