@@ -1,0 +1,230 @@
+"""Words of the command line to scenes, cameras, suns and settings; every refusal is a sentence."""
+
+import difflib
+import re
+from dataclasses import fields
+from pathlib import Path
+
+import numpy as np
+
+from .camera import Camera
+from .loading import load, load_elevation
+from .scenes import SCENES
+from .settings import ShadowSettings
+from .sun import Sun
+
+__all__ = ["find_camera", "find_scene", "find_sun", "parse_settings", "parse_size"]
+
+ELEVATION_SUFFIXES = (".npz", ".npy", ".tif", ".tiff")
+CAMERA_WORDS = ("eye", "target", "up", "fov", "near", "far")
+
+
+def find_scene(text, ground=None):
+    """Load a file, or make the scene of that name.
+
+    Parameters
+    ----------
+    text : str
+        A name of `csm.scenes.SCENES`, or a path; a file named like a made scene is ``./name``.
+    ground : float, optional
+        Put a ground at this height over the scene's georeference [m].
+
+    Returns
+    -------
+    scene : Scene
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        If there is neither such a file nor such a scene, or it does not load.
+    """
+    if text in SCENES:
+        scene = SCENES[text]()
+    elif Path(text).suffix.lower() in ELEVATION_SUFFIXES:
+        scene = load_elevation(text)
+    elif Path(text).suffix or Path(text).exists():
+        scene = load(text)
+    else:
+        known = ", ".join(SCENES)
+        raise ValueError(
+            f"SCENE must be a file or one of {known} (got {text!r}{_hint(text, SCENES)})"
+        )
+    return scene if ground is None else scene.with_ground(scene.georeference[1] + ground)
+
+
+def find_camera(scene, text, size):
+    """Return the camera of that name, or the one described, with a number of pixels.
+
+    Parameters
+    ----------
+    scene : Scene
+    text : str or None
+        A name, or ``eye=x,y,z,target=x,y,z`` with ``up``, ``fov``, ``near``, ``far`` if wanted, eye
+        and target relative to the scene's georeference; far reaches all of the scene by default.
+        None: the scene's first camera.
+    size : (int, int)
+        Width and height in pixels.
+
+    Returns
+    -------
+    name : str or None
+    camera : Camera
+
+    Raises
+    ------
+    ValueError
+        If there is no such camera or the description is wrong.
+    """
+    if text is None or "=" not in text:
+        name = _named("camera", text, scene.cameras, "eye=x,y,z,target=x,y,z")
+        return name, scene.cameras[name].replace(size=size)
+    words = {}
+    for part in re.split(r",(?=\s*[A-Za-z_]+\s*=)", text):
+        word, _, value = part.partition("=")
+        word = word.strip()
+        if word not in CAMERA_WORDS or word in words:
+            problem = "twice" if word in words else f"unknown{_hint(word, CAMERA_WORDS)}"
+            raise ValueError(
+                f"--camera takes {', '.join(CAMERA_WORDS)}, each once ({word!r} is {problem})"
+            )
+        count = 3 if word in ("eye", "target", "up") else 1
+        words[word] = _numbers(f"--camera {word}", value, count)
+    for word in ("eye", "target"):
+        if word not in words:
+            raise ValueError(f"--camera needs {word}=x,y,z (got {text!r})")
+    # Looked at locally and moved: a direction between points at 1e6 m would lose digits.
+    eye, target = words["eye"], words["target"]
+    farthest = np.abs(scene.bounds - scene.georeference - eye).max(axis=0)
+    options = {
+        "fov_y_deg": words.get("fov", [60.0])[0],
+        "near": words.get("near", [0.1])[0],
+        "far": words.get("far", [1.01 * float(np.linalg.norm(farthest))])[0],
+    }
+    camera = Camera.look_at(eye, target, words.get("up", (0.0, 1.0, 0.0)), size=size, **options)
+    return None, camera.translated(scene.georeference)
+
+
+def find_sun(scene, text, diameter=None):
+    """Return the sun of that name, or the one described.
+
+    Parameters
+    ----------
+    scene : Scene
+    text : str or None
+        A name; ``x,y,z`` towards the sun; or ``azimuth,elevation`` in degrees, azimuth by the
+        compass: 0 north (-z), 90 east (+x). None: the scene's first sun.
+    diameter : float, optional
+        Of the disc [degrees]; by default the named sun's own, or 0.
+
+    Returns
+    -------
+    name : str or None
+    sun : Sun
+
+    Raises
+    ------
+    ValueError
+        If there is no such sun or the description is wrong.
+    """
+    name = None
+    if text is None or not re.match(r"\s*[-+.\d]", text):
+        name = _named("sun", text, scene.suns, "x,y,z or azimuth,elevation")
+        sun = scene.suns[name]
+    else:
+        numbers = _numbers("--sun", text, 2, 3)
+        sun = Sun(numbers) if len(numbers) == 3 else Sun.from_compass(*numbers)
+    return name, sun if diameter is None else Sun(sun.to_light, diameter)
+
+
+def parse_size(text):
+    """Return (width, height) of ``WIDTHxHEIGHT``; ValueError if it is none."""
+    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
+    if not match:
+        raise ValueError(f"--size must be WIDTHxHEIGHT in pixels, like 1280x720 (got {text!r})")
+    return int(match[1]), int(match[2])
+
+
+def parse_settings(words):
+    """Return the `ShadowSettings` that words like ``map_size=1024`` change from the defaults.
+
+    Parameters
+    ----------
+    words : sequence of str
+        ``key=value``; several numbers are separated by commas.
+
+    Returns
+    -------
+    settings : ShadowSettings
+
+    Raises
+    ------
+    ValueError
+        If a key is unknown or given twice, or a value is not allowed.
+    """
+    defaults = ShadowSettings()
+    known = [field.name for field in fields(ShadowSettings)]
+    changes = {}
+    for word in words:
+        key, equals, value = (part.strip() for part in word.partition("="))
+        if not equals or not value:
+            raise ValueError(f"--set takes key=value (got {word!r})")
+        if key not in known:
+            raise ValueError(
+                f"--set knows no {key!r}{_hint(key, known)}; the settings are {', '.join(known)}"
+            )
+        if key in changes:
+            raise ValueError(f"--set {key} is given twice")
+        changes[key] = _value(key, value, getattr(defaults, key))
+    return defaults.replace(**changes)
+
+
+def _value(key, text, default):
+    """Return the text as what the setting is: by its default a bool, else numbers or a word."""
+    if isinstance(default, bool):
+        values = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
+        if text.lower() not in values:
+            raise ValueError(f"--set {key} must be true or false (got {text!r})")
+        return values[text.lower()]
+    if "," in text:
+        return tuple(_number(part) for part in text.split(",") if part.strip())
+    return _number(text)
+
+
+def _number(text):
+    for kind in (int, float):
+        try:
+            return kind(text)
+        except ValueError:
+            pass
+    return text.strip()
+
+
+def _numbers(what, text, *counts):
+    """Return the comma-separated numbers of a text, as many as one of `counts`."""
+    parts = text.split(",")
+    try:
+        numbers = [float(part) for part in parts]
+    except ValueError:
+        numbers = None
+    if numbers is None or len(numbers) not in counts or not np.isfinite(numbers).all():
+        wanted = " or ".join(map(str, counts))
+        raise ValueError(
+            f"{what} must be {wanted} number{'s' * (counts[-1] > 1)}, with commas (got {text!r})"
+        )
+    return numbers
+
+
+def _named(kind, name, views, otherwise):
+    if name in views:
+        return name
+    if name is None:
+        if views:
+            return next(iter(views))
+        raise ValueError(f"the scene brings no {kind}: give one with --{kind} {otherwise}")
+    known = f"one of {', '.join(views)}, or {otherwise}" if views else f"{otherwise}"
+    raise ValueError(f"--{kind} must be {known} (got {name!r}{_hint(name, views)})")
+
+
+def _hint(word, known):
+    close = difflib.get_close_matches(word, list(known), n=1)
+    return f"; did you mean {close[0]!r}?" if close else ""

@@ -1,0 +1,250 @@
+"""The `csm` command."""
+
+import argparse
+import os
+import re
+import sys
+import time
+from contextlib import contextmanager
+from pathlib import Path
+
+from .arguments import find_camera, find_scene, find_sun, parse_settings, parse_size
+from .errors import CsmError
+from .metrics import compare, edge_yardstick
+from .progress import Progress
+from .renderer import Renderer, backends
+from .results import (
+    LANDSCAPE,
+    check_folder,
+    summarise,
+    summary_text,
+    write_results,
+)
+from .scenes import SCENES
+from .tracing import truth
+
+__all__ = ["main"]
+
+BAD_INPUT = 2
+INTERRUPTED = 130  # 128 + SIGINT, as shells have it
+OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
+
+RENDER_HELP = f"""\
+Draw one frame of a scene with cascaded shadow maps and write what came of it:
+
+  picture.png    the scene in sun and sky light, with its shadows
+  mask.png       the shadow mask: white lit, black shadowed, pale blue where nothing is seen
+  cascades.png   the picture tinted by cascade: red, green, blue, yellow from the nearest on
+  maps.png       the shadow maps as the sun sees them, nearest brightest, dark blue empty
+  error.png      with --truth: blue too light, orange too dark
+  frame.npz      mask, depths, maps, matrices (and the truth) as arrays
+  summary.json   settings, cascades, times, errors, driver
+
+SCENE is a file (.glb .gltf .obj .ply .stl .off; height grids .npz .npy .tif) or one of
+  {", ".join(SCENES)}
+which are made by code. Cameras and suns of a scenes.json beside the file go by name.
+"""
+
+RENDER_EXAMPLES = """\
+examples:
+  csm render demo --truth --out demo
+  csm render town.glb --camera eye=0,20,60,target=0,5,0 --sun 238,33 --out pictures
+  csm render forest --set cascade_count=2 --set filter=pcf --set filter_size=5 --out pictures
+  csm render dem.npz --camera eye=0,3e3,9e3,target=0,500,0 --sun=-0.4,0.2,0.3 --out pictures
+
+exit status: 0 done, 2 bad input (one sentence on stderr, nothing written), 130 interrupted
+"""
+
+
+def main(arguments=None):
+    """Run the command.
+
+    Parameters
+    ----------
+    arguments : sequence of str, optional
+        Words after ``csm``; by default those of the process.
+
+    Returns
+    -------
+    status : int
+        0 done, 2 bad input, 130 interrupted.
+    """
+    arguments = sys.argv[1:] if arguments is None else list(arguments)
+    try:
+        options = _parser().parse_args(_joined(arguments))
+        options.run(options)
+    except SystemExit as stop:  # argparse: help and version with 0, refusals with 2
+        return stop.code
+    except KeyboardInterrupt:
+        print("csm: interrupted, nothing written", file=sys.stderr)
+        return INTERRUPTED
+    except (CsmError, ImportError, MemoryError, OSError, TypeError, ValueError) as error:
+        if os.environ.get("CSM_TRACEBACK"):
+            raise
+        sentence = "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
+        print(f"csm: {sentence or type(error).__name__}", file=sys.stderr)
+        return BAD_INPUT
+    return 0
+
+
+class _Parser(argparse.ArgumentParser):
+    """Refuses with one sentence instead of the whole usage."""
+
+    def error(self, message):
+        self.exit(BAD_INPUT, f"{self.prog}: {message} (see {self.prog} --help)\n")
+
+
+def _parser():
+    from . import __version__
+
+    parser = _Parser(
+        prog="csm",
+        description="Cascaded shadow maps as numbers: pictures, arrays and errors of one frame.",
+        epilog="csm render --help says more. CSM_TRACEBACK=1 shows where a refusal came from.",
+    )
+    parser.add_argument("--version", action="version", version=f"csm {__version__}")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="render | info")
+    render = commands.add_parser(
+        "render",
+        help="draw a scene with its shadows; pictures, arrays, times, errors",
+        description=RENDER_HELP,
+        epilog=RENDER_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_render_options(render)
+    render.set_defaults(run=_render)
+    info = commands.add_parser(
+        "info",
+        help="the OpenGL back ends of this machine",
+        description="For each back end: available or why not, OpenGL version, driver, limits.",
+    )
+    info.set_defaults(run=_info)
+    return parser
+
+
+def _add_render_options(render):
+    add = render.add_argument
+    add("scene", metavar="SCENE", help="a file, or the name of a made scene")
+    add(
+        "--camera",
+        metavar="CAMERA",
+        help="a name, or eye=x,y,z,target=x,y,z with up=x,y,z fov=DEGREES near=M far=M if wanted "
+        "(fov 60, near 0.1, far to the end of the scene), relative to a georeference; "
+        "default: the scene's first",
+    )
+    add(
+        "--sun",
+        metavar="SUN",
+        help="a name, x,y,z towards the sun, or azimuth,elevation in degrees, azimuth by the "
+        "compass (0 north = -z, 90 east = +x); default: the scene's first",
+    )
+    add("--out", metavar="DIR", required=True, type=Path, help="folder for the files, made if new")
+    add("--size", metavar="WxH", default="1280x720", help="pixels (default 1280x720)")
+    add(
+        "--set",
+        metavar="KEY=VALUE",
+        dest="changes",
+        action="append",
+        default=[],
+        help="change a setting of csm.ShadowSettings; may be repeated",
+    )
+    add(
+        "--ground",
+        metavar="Y",
+        type=float,
+        help="put a ground under the scene at this height, relative to a georeference [m]",
+    )
+    add("--truth", action="store_true", help="trace the exact mask too, and judge by it")
+    add(
+        "--rays",
+        metavar="N",
+        type=int,
+        help="with --truth: rays per pixel over the sun's disc (default 1: a point sun)",
+    )
+    add(
+        "--sun-diameter",
+        metavar="DEG",
+        type=float,
+        help="width of the sun's disc (default: the named sun's own, or 0)",
+    )
+    add(
+        "--backend",
+        choices=("auto", "egl", "osmesa", "glfw"),
+        default="auto",
+        help="how OpenGL is opened (default auto, which CSM_BACKEND replaces)",
+    )
+    add("--quiet", action="store_true", help="no progress on stderr, no table on stdout")
+
+
+def _joined(arguments):
+    """Tie ``--sun -1,2,3`` into one word: argparse takes the minus for an option."""
+    joined = []
+    for word in arguments:
+        if joined and joined[-1] in ("--sun", "--ground") and re.match(r"-[\d.]", word):
+            joined[-1] += f"={word}"
+        else:
+            joined.append(word)
+    return joined
+
+
+def _render(options):
+    from . import __version__
+
+    # Everything that can be refused is looked at before the first slow step.
+    size = parse_size(options.size)
+    settings = parse_settings(options.changes)
+    if options.rays is not None and not options.truth:
+        raise ValueError("--rays needs --truth")
+    check_folder(options.out)
+
+    progress, seconds = Progress(quiet=options.quiet), {}
+    with _timed(progress, seconds, "load", f"loading {options.scene}"):
+        scene = find_scene(options.scene, options.ground)
+    camera_name, camera = find_camera(scene, options.camera, size)
+    sun_name, sun = find_sun(scene, options.sun, options.sun_diameter)
+    traced = judged = report = None
+    with (
+        _timed(progress, seconds, "render", "rendering"),
+        Renderer(backend=options.backend) as renderer,
+    ):
+        frame = renderer.render(scene, camera, sun, settings, outputs=OUTPUTS)
+    if options.truth:
+        with _timed(progress, seconds, "truth", "tracing the truth") as advance:
+            rays = 1 if options.rays is None else options.rays
+            traced = truth(scene, camera, sun, rays_per_pixel=rays, progress=advance)
+        report = compare(frame, traced)
+        judged = report, edge_yardstick(frame, traced)
+    names = (camera_name, sun_name)
+    summary = summarise(
+        scene, frame, names=names, version=__version__, seconds=seconds, truth=traced, judged=judged
+    )
+    terrain = (scene.bounds[1] - scene.bounds[0])[[0, 2]].min() >= LANDSCAPE
+    with progress.stage("writing"):
+        written = write_results(
+            options.out, frame, summary, truth=traced, report=report, terrain=terrain
+        )
+    if not options.quiet:
+        print(summary_text(summary))
+        print(f"\n{options.out}: {', '.join(written)}")
+
+
+@contextmanager
+def _timed(progress, seconds, key, text):
+    """Run a stage of the progress and note its seconds."""
+    start = time.perf_counter()
+    with progress.stage(text) as advance:
+        yield advance
+    seconds[key] = time.perf_counter() - start
+
+
+def _info(options):
+    """Print what each back end offers."""
+    for backend in backends():
+        name, reason = backend["name"], backend["reason"]
+        print(
+            f"{name}: {'available' if backend['available'] else reason.removeprefix(f'{name}: ')}"
+        )
+        for key, value in backend["info"].items():
+            if key not in ("backend", "programs_compiled", "live_objects"):
+                text = f"{value:,}" if type(value) is int else value
+                print(f"  {key.replace('_', ' '):20}{text}")

@@ -1,0 +1,288 @@
+"""What `csm render` leaves behind: pictures, arrays, and a summary for programs and for people."""
+
+import json
+import math
+import os
+import platform
+import shutil
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from .pictures import (
+    cascades_picture,
+    error_picture,
+    lit_picture,
+    maps_picture,
+    mask_picture,
+    save_png,
+)
+
+__all__ = ["check_folder", "summarise", "summary_text", "write_results"]
+
+SUMMARY = "summary.json"
+FILES = (
+    "picture.png",
+    "mask.png",
+    "cascades.png",
+    "maps.png",
+    "error.png",
+    "frame.npz",
+    SUMMARY,
+)
+LANDSCAPE = 1500.0  # a scene of this width [m] is drawn as terrain
+MEGABYTE = 1e6
+
+
+def check_folder(folder):
+    """Refuse a folder that cannot be written, before any work is done.
+
+    Parameters
+    ----------
+    folder : Path
+        May be new; may hold other files, which are left alone.
+
+    Raises
+    ------
+    OSError
+        If it is a file, or it or the nearest folder above it is not writable.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"--out {folder}: is a file, not a folder")
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        raise PermissionError(f"--out {folder}: {existing} is not a folder that may be written to")
+
+
+def write_results(folder, frame, summary, *, truth=None, report=None, terrain=False):
+    """Write every file, or none: each appears under its name only when all are complete.
+
+    Parameters
+    ----------
+    folder : Path
+        Made if need be. Files of an earlier run are replaced; others are left alone.
+    frame : Frame
+    summary : dict
+        From `summarise`.
+    truth : Truth, optional
+    report : ErrorReport, optional
+    terrain : bool
+        As in `lit_picture`.
+
+    Returns
+    -------
+    names : list of str
+        The files written.
+
+    Raises
+    ------
+    OSError
+        If writing fails; nothing then has changed.
+    """
+    made = not folder.exists()
+    folder.mkdir(parents=True, exist_ok=True)
+    try:
+        # Inside the folder: moving a file to its name is atomic on one file system only.
+        with tempfile.TemporaryDirectory(prefix=".csm-", dir=folder) as held:
+            held = Path(held)
+            for name, picture in _pictures(frame, report, terrain):
+                save_png(held / name, picture)
+            np.savez(held / "frame.npz", **_arrays(frame, truth, report))
+            text = json.dumps(_plain(summary), indent=1, allow_nan=False)
+            (held / SUMMARY).write_text(text + "\n", encoding="utf-8")
+            names = [name for name in FILES if (held / name).exists()]
+            for name in FILES:
+                if name in names:
+                    os.replace(held / name, folder / name)
+                else:
+                    (folder / name).unlink(missing_ok=True)
+    except BaseException:
+        if made:
+            shutil.rmtree(folder, ignore_errors=True)
+        raise
+    return names
+
+
+def _pictures(frame, report, terrain):
+    picture = lit_picture(frame, terrain=terrain)
+    yield "picture.png", picture
+    yield "mask.png", mask_picture(frame)
+    yield "cascades.png", cascades_picture(frame, picture)
+    if "shadow_maps" in frame.outputs:  # filter="none" makes none
+        yield "maps.png", maps_picture(frame)
+    if report is not None:
+        yield "error.png", error_picture(report, picture)
+
+
+def _arrays(frame, truth, report):
+    """Return what frame.npz holds: the frame's arrays and matrices, and the truth's."""
+    arrays = {name: getattr(frame, name) for name in frame.outputs}
+    maps = arrays.pop("shadow_maps", ())
+    if isinstance(maps, tuple):  # sizes differ
+        arrays |= {f"shadow_map_{i}": depth for i, depth in enumerate(maps)}
+    else:
+        arrays["shadow_maps"] = maps
+    for name in (
+        *("splits", "texel_size", "lattice", "depth_range", "light_from_world"),
+        *("clip_from_light", "clip_from_world", "uvz_from_world"),
+    ):
+        arrays[name] = getattr(frame.cascades, name)
+    arrays["view_from_world"] = frame.camera.view_from_world
+    arrays["clip_from_view"] = frame.camera.clip_from_view
+    arrays["to_light"] = frame.sun.to_light
+    if truth is not None:
+        arrays["truth_mask"] = truth.mask
+        arrays["truth_facing"] = truth.facing
+        arrays["truth_occluder_distance"] = truth.occluder_distance.astype(np.float32)
+        arrays["judged"] = report.judged
+    return arrays
+
+
+def summarise(scene, frame, *, names=(None, None), version, seconds, truth=None, judged=None):
+    """Gather what a run was and what it found, as plain nested dicts.
+
+    Parameters
+    ----------
+    scene : Scene
+    frame : Frame
+    names : (str or None, str or None)
+        Of camera and sun, where they have one.
+    version : str
+        Of csm.
+    seconds : dict of str to float
+        Wall time of the stages.
+    truth : Truth, optional
+    judged : (ErrorReport, EdgeYardstick), optional
+
+    Returns
+    -------
+    summary : dict
+    """
+    camera, sun = frame.camera, frame.sun
+    summary = {
+        "csm": version,
+        "python": platform.python_version(),
+        "numpy": np.__version__,
+        "scene": {
+            "name": scene.name,
+            "triangles": scene.triangle_count,
+            "stored_triangles": scene.stored_triangle_count,
+            "bounds": scene.bounds,
+            "georeference": scene.georeference,
+        },
+        "camera": {
+            "name": names[0],
+            **{key: getattr(camera, key) for key in ("eye", "right", "up", "backward")},
+            "fov_y_deg": camera.fov_y_deg,
+            "near": camera.near,
+            "far": camera.far,
+            "size": camera.size,
+            "orthographic": camera.orthographic,
+        },
+        "sun": {
+            "name": names[1],
+            "to_light": sun.to_light,
+            "angular_diameter_deg": sun.angular_diameter_deg,
+        },
+        "settings": frame.settings.to_dict(),
+        "cascades": _cascade_rows(frame),
+        "timings_ms": dict(frame.timings_ms),
+        "seconds": dict(seconds),
+        "info": dict(frame.info),
+    }
+    if truth is not None:
+        report, yardstick = judged
+        summary["truth"] = {"rays_per_pixel": truth.rays_per_pixel}
+        summary["error"] = report.to_dict() | {
+            "edge_yardstick": yardstick.value,
+            "edge_pairs": yardstick.edge_pairs,
+        }
+    return summary
+
+
+def _cascade_rows(frame):
+    if frame.settings.filter == "none":
+        return []
+    seen = np.count_nonzero(frame.valid) or 1
+    return [
+        {
+            "near": frame.cascades.splits[i],
+            "far": frame.cascades.splits[i + 1],
+            "texel_size": frame.cascades.texel_size[i],
+            "depth_range": frame.cascades.depth_range[i],
+            "pixel_share": np.count_nonzero(frame.cascade_index == i) / seen,
+        }
+        for i in range(len(frame.cascades.texel_size))
+    ]
+
+
+def summary_text(summary):
+    """Lay a summary out as text for people.
+
+    Parameters
+    ----------
+    summary : dict
+        From `summarise`.
+
+    Returns
+    -------
+    text : str
+        Some twenty lines, at most 80 columns.
+    """
+    scene, camera, info = summary["scene"], summary["camera"], summary["info"]
+    width, height = camera["size"]
+    lines = [
+        f"{scene['name'] or 'scene'}: {scene['triangles']:,} triangles, camera "
+        f"{camera['name'] or 'as given'}, sun {summary['sun']['name'] or 'as given'}, "
+        f"{width} x {height}",
+        f"{info.get('backend', '')}: {info.get('renderer', '')}".strip(": "),
+        "",
+    ]
+    if summary["cascades"]:
+        lines.append("cascade   from [m]     to [m]  texel [m]     pixels")
+        for i, row in enumerate(summary["cascades"]):
+            lines.append(
+                f"{i:7d} {row['near']:10.4g} {row['far']:10.4g} "
+                f"{max(row['texel_size']):10.4g} {row['pixel_share']:10.1%}"
+            )
+        lines.append("")
+    lines += [f"{'pass':20}{'ms':>8}"]
+    lines += [f"{name:20}{ms:8.2f}" for name, ms in summary["timings_ms"].items()]
+    for key, what in (("bytes", "textures and buffers"), ("scene_bytes", "the scene")):
+        if key in info:
+            lines.append(f"{info[key] / MEGABYTE:.1f} MB for {what}")
+    if "error" in summary:
+        lines += ["", *_error_lines(summary["error"])]
+    return "\n".join(lines)
+
+
+def _error_lines(error):
+    if not error["judged_count"]:
+        return ["No pixel faces the sun within the shadow range: nothing to judge."]
+    mean, yardstick = error["mean"], error["edge_yardstick"]
+    rows = [
+        ("wrong side of 0.5", error["disagreement"]),
+        ("  expected of edges at this resolution", yardstick),
+        ("mean absolute error", mean["total"]),
+        ("  false light", mean["false_light"]),
+        ("  false shadow", mean["false_shadow"]),
+        ("sun-facing pixels beyond the range", error["beyond_range"]),
+    ]
+    head = f"against ray tracing, {error['judged_count']:,} sun-facing pixels judged"
+    return [head, *(f"{what:42}{value:8.3%}" for what, value in rows)]
+
+
+def _plain(value):
+    """Return a value as JSON has it: lists for arrays, null for what is not a finite number."""
+    if isinstance(value, dict):
+        return {str(key): _plain(item) for key, item in value.items()}
+    if isinstance(value, np.ndarray):
+        return _plain(value.tolist())
+    if isinstance(value, (list, tuple)):
+        return [_plain(item) for item in value]
+    if isinstance(value, np.generic):
+        return _plain(value.item())
+    if isinstance(value, float) and not math.isfinite(value):
+        return None
+    return value
