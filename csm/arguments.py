@@ -179,13 +179,13 @@ def parse_settings(words):
 
 
 def _value(key, text, default):
-    """Return the text as what the setting is: by its default a bool, else numbers or a word."""
+    """Return the text as what the setting's default is: a bool, several numbers, one, a word."""
     if isinstance(default, bool):
         values = {"true": True, "on": True, "1": True, "false": False, "off": False, "0": False}
         if text.lower() not in values:
             raise ValueError(f"--set {key} must be true or false (got {text!r})")
         return values[text.lower()]
-    if "," in text:
+    if isinstance(default, tuple) or "," in text:
         return tuple(_number(part) for part in text.split(",") if part.strip())
     return _number(text)
 

@@ -18,6 +18,7 @@ __all__ = [
 # Linear light. On a clear day the sun gives about five times what the sky gives; less here, so that
 # shadows keep their drawing.
 SUN_LIGHT = np.array([1.00, 0.92, 0.78])
+LOW_SUN_LIGHT = np.array([1.00, 0.66, 0.38])
 SKY_LIGHT = np.array([0.20, 0.25, 0.34])
 GROUND_LIGHT = np.array([0.10, 0.09, 0.07])
 CLEAR_AIR = 20_000.0  # distance at which air takes over, if the picture reaches that far [m]
@@ -71,8 +72,12 @@ def lit_picture(frame, *, terrain=False):
     if terrain:
         albedo = ROCK + (MEADOW - ROCK) * _smoothstep(0.70, 0.93, up)
     sun = np.clip(normal @ to_light, 0.0, 1.0) * frame.mask
+    # A low sun is red and the sky under it dim: 1 from 25 degrees of elevation up.
+    day = _smoothstep(-0.05, 0.42, to_light[1])
+    sun_light = LOW_SUN_LIGHT + (SUN_LIGHT - LOW_SUN_LIGHT) * day
     ambient = GROUND_LIGHT + (SKY_LIGHT - GROUND_LIGHT) * (0.5 + 0.5 * up)
-    colour = _exposed(albedo * (sun[..., None] * SUN_LIGHT + ambient), frame.valid)
+    light = sun[..., None] * sun_light + ambient * (0.35 + 0.65 * day)
+    colour = _exposed(albedo * light, frame.valid)
 
     depth = np.where(frame.valid, frame.view_depth, 0.0).astype(np.float64)
     reach = max(CLEAR_AIR, 2.0 * np.percentile(depth, 95))
@@ -223,7 +228,7 @@ def _exposed(colour, valid):
     if not valid.any():
         return colour
     bright = np.percentile(colour[valid].mean(axis=-1), 98)
-    return colour * np.clip(0.75 / max(bright, 1e-6), 1.0, 3.0)
+    return colour * np.clip(0.75 / max(bright, 1e-6), 1.0, 5.0)
 
 
 def _map_tile(depth, side, frame_colour):
