@@ -1,0 +1,169 @@
+"""Fixtures of every test: renderers that must stay clean, evidence of what failed, scene files."""
+
+import gc
+import json
+import re
+
+import numpy as np
+import pytest
+import scene_files
+
+import csm
+from csm.pictures import save_png
+
+# GL objects of one uploaded scene: positions, indices, planes, instances, vertex array.
+OBJECTS_PER_SCENE = 5
+
+_FAILED = pytest.StashKey[bool]()
+
+
+def pytest_configure(config):
+    """A complaint of the driver fails the test that caused it; so does a renderer left open."""
+    config.addinivalue_line("filterwarnings", "error::csm.GLWarning")
+    config.addinivalue_line("filterwarnings", "error::pytest.PytestUnraisableExceptionWarning")
+
+
+@pytest.hookimpl(wrapper=True)
+def pytest_runtest_makereport(item, call):
+    report = yield
+    if report.when == "call":
+        item.stash[_FAILED] = report.failed
+    return report
+
+
+# -- renderers -------------------------------------------------------------------------------------
+
+
+class _Idle:
+    """A small scene whose frame touches every texture and buffer a renderer keeps from frame to
+    frame: after it, what is alive beyond it belongs to scenes and programs."""
+
+    def __init__(self):
+        self.scene = csm.Scene.from_arrays(
+            [[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [0, 1, 0]], [[0, 1, 2], [0, 1, 3]]
+        )
+        self.camera = csm.Camera.look_at((0, 3, 2), (0, 0, 0), near=0.5, far=9, size=(8, 8))
+        self.sun = csm.Sun((0.3, 1, 0.2))
+        self.settings = csm.ShadowSettings(cascade_count=1, map_size=8)
+
+    def draw(self, renderer):
+        renderer.render(
+            self.scene,
+            self.camera,
+            self.sun,
+            self.settings,
+            outputs=("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal"),
+            points=[[0.0, 0.0, 0.0]],
+        )
+
+
+def _objects_beyond_scenes_and_programs(renderer, idle):
+    """OpenGL objects that neither a living scene nor a program accounts for."""
+    gc.collect()
+    idle.draw(renderer)
+    info = renderer.info
+    return info["live_objects"] - OBJECTS_PER_SCENE * len(renderer._scenes) - info[
+        "programs_compiled"
+    ]
+
+
+def _complaints(renderer):
+    """Messages of weight that nobody has read."""
+    return [
+        text for _, severity, text in renderer._core.messages() if severity in ("high", "medium")
+    ]
+
+
+@pytest.fixture(scope="session")
+def _shared_renderer():
+    with csm.Renderer(debug=True) as renderer:
+        yield renderer
+
+
+@pytest.fixture(scope="session")
+def _idle():
+    return _Idle()
+
+
+@pytest.fixture
+def renderer(_shared_renderer, _idle):
+    """A debug renderer, one for the whole session (``CSM_BACKEND`` chooses the back end).
+
+    A test fails if it leaves a driver message of medium or high severity, an OpenGL object that
+    no living scene owns, or a closed renderer. Tests of closing, programs and memory take
+    `fresh_renderer`.
+    """
+    before = _objects_beyond_scenes_and_programs(_shared_renderer, _idle)
+    yield _shared_renderer
+    assert _shared_renderer._core is not None, "the test closed the renderer of the session"
+    assert not _complaints(_shared_renderer)
+    after = _objects_beyond_scenes_and_programs(_shared_renderer, _idle)
+    assert after <= before, f"{after - before} OpenGL objects leaked"
+
+
+@pytest.fixture
+def fresh_renderer():
+    """Function that makes a renderer of the test's own, ``fresh_renderer(backend="auto", **more)``
+    with ``debug=True``; all of them are closed afterwards, after a look at their messages."""
+    made = []
+
+    def make(backend="auto", **more):
+        made.append(csm.Renderer(backend, **{"debug": True, **more}))
+        return made[-1]
+
+    yield make
+    complaints = [text for one in made if one._core is not None for text in _complaints(one)]
+    for one in made:
+        one.close()
+    assert not complaints
+
+
+# -- evidence --------------------------------------------------------------------------------------
+
+
+def _picture(array):
+    """(h, w, 3) bytes of a two-dimensional array, its finite values from black to white."""
+    values = np.asarray(array, np.float64)
+    finite = values[np.isfinite(values)]
+    low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
+    grey = np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0, posinf=1.0, neginf=0.0)
+    return np.repeat(np.round(255 * grey).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def _write_evidence(folder, kept):
+    folder.mkdir(parents=True, exist_ok=True)
+    settings = kept.pop("settings", None)
+    if settings is not None:
+        text = settings.to_dict() if hasattr(settings, "to_dict") else settings
+        (folder / "settings.json").write_text(json.dumps(text, indent=1, default=str))
+    rendered, reference = kept.get("rendered"), kept.get("reference")
+    if rendered is not None and np.shape(rendered) == np.shape(reference):
+        kept["difference"] = np.asarray(rendered, np.float64) - np.asarray(reference, np.float64)
+    for name, array in kept.items():
+        np.save(folder / f"{name}.npy", array)
+        if np.ndim(array) == 2:
+            save_png(folder / f"{name}.png", _picture(array))
+
+
+@pytest.fixture
+def evidence(request):
+    """Function that keeps arrays until it is known whether the test fails; only then they are
+    written, with their difference and the settings, to ``evidence/<test>/``.
+
+    ``evidence(rendered=frame.mask, reference=expected, settings=frame.settings, depth=...)``:
+    every array becomes a .npy, a two-dimensional one a .png too (row 0 on top).
+    """
+    kept = {}
+    yield kept.update
+    if request.node.stash.get(_FAILED, False) and kept:
+        name = re.sub(r"[^\w.\-]+", "_", request.node.nodeid.removeprefix("tests/"))
+        _write_evidence(request.config.rootpath / "evidence" / name, kept)
+
+
+# -- scene files -----------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def scene_file():
+    """Function from the name of a real scene's file to its path; skips where it is absent."""
+    return scene_files.scene_path
