@@ -110,9 +110,11 @@ class Renderer:
     def __del__(self):
         if getattr(self, "_core", None) is None or self._forked:
             return
-        warnings.warn(f"unclosed {self!r}", ResourceWarning, source=self, stacklevel=2)
-        if self._info["backend"] != "glfw" or _on_main_thread():
-            self.close()
+        try:
+            warnings.warn(f"unclosed {self!r}", ResourceWarning, source=self, stacklevel=2)
+        finally:  # also where warnings are errors
+            if self._info["backend"] != "glfw" or _on_main_thread():
+                self.close()
 
     def __repr__(self):
         state = "closed" if self._core is None else self._info["renderer"]
@@ -132,7 +134,9 @@ class Renderer:
     def info(self):
         """Back end, driver, limits, and counts of programs compiled and OpenGL objects alive."""
         with self._lock:
-            return self._open_core().describe()
+            core = self._open_core()
+            self._free_dropped(core)
+            return core.describe()
 
     def reload(self):
         """Read and compile every shader again at its next use, for people who edit `shader_dir`.
