@@ -13,7 +13,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .gltf import TRIANGLE_STRIP, TRIANGLES
+from .gltf import TRIANGLE_STRIP, TRIANGLES, hierarchy, parents_first
 from .mesh import Mesh
 
 __all__ = ["Animation", "read_animation", "sample_track"]
@@ -119,7 +119,7 @@ class Animation:
         for node, matrix in self.matrices.items():
             parent_from_node[node] = matrix
         world_from_node = np.empty_like(parent_from_node)
-        for node in _parents_first(self.parents):
+        for node in parents_first(self.parents):
             parent = self.parents[node]
             world_from_node[node] = parent_from_node[node]
             if parent >= 0:
@@ -200,22 +200,6 @@ def _skinned(skin, world_from_node):
     return np.einsum("nij,nj->ni", blended[:, :, :3], skin.positions) + blended[:, :, 3]
 
 
-def _parents_first(parents):
-    """Order nodes, every parent before its children; ValueError if one is its own ancestor."""
-    order, done = [], [False] * len(parents)
-    for node in range(len(parents)):
-        chain = []
-        while node >= 0 and not done[node]:
-            if len(chain) > len(parents):
-                raise ValueError("the node hierarchy has a cycle")
-            chain.append(node)
-            node = parents[node]
-        for node in reversed(chain):
-            done[node] = True
-            order.append(node)
-    return order
-
-
 def read_animation(document):
     """Read the nodes, skins and clips of a glTF document.
 
@@ -234,7 +218,7 @@ def read_animation(document):
         If the file contradicts itself or animates morph targets; without the path.
     """
     nodes = document.items("nodes")
-    parents, reached = _hierarchy(document, nodes)
+    parents, reached = hierarchy(document)
     rest, matrices = _rest_pose(nodes)
     meshes, instances, skins = [], [], {}
     shared = {}
@@ -259,27 +243,6 @@ def read_animation(document):
         mesh = meshes[number]
         meshes[number] = Mesh(positions, mesh.triangles, mesh.name)
     return Animation(parents, rest, matrices, tuple(meshes), tuple(instances), skins, tracks)
-
-
-def _hierarchy(document, nodes):
-    """Find the parent of each node, and the nodes of the file's default scene."""
-    parents = [-1] * len(nodes)
-    for number, node in enumerate(nodes):
-        for child in node.get("children", []):
-            document.item("nodes", child)
-            if parents[child] >= 0:
-                raise ValueError(f"node {child} has two parents")
-            parents[child] = number
-    _parents_first(parents)
-    roots = [number for number, parent in enumerate(parents) if parent < 0]
-    if document.items("scenes"):
-        roots = document.item("scenes", document.header.get("scene", 0)).get("nodes", [])
-    reached, waiting = set(), list(roots)
-    while waiting:
-        number = waiting.pop()
-        reached.add(number)
-        waiting += document.item("nodes", number).get("children", [])
-    return tuple(parents), reached
 
 
 def _rest_pose(nodes):
@@ -384,4 +347,11 @@ def _read_track(document, clip, channel, name, matrices):
         raise ValueError(f"clip {name!r}: interpolation {interpolation!r} is not glTF 2.0")
     if values.size != np.prod(shapes[interpolation]) or not np.isfinite(values).all():
         raise ValueError(f"clip {name!r}: a sampler's values must be finite, one per time")
-    return Track(node, path, times, values.reshape(shapes[interpolation]), interpolation)
+    values = values.reshape(shapes[interpolation])
+    if path == "rotation" and interpolation != "CUBICSPLINE":
+        # Stored as float32 they are of unit length to 1e-7 only, which would bend the slerp.
+        lengths = np.linalg.norm(values, axis=1, keepdims=True)
+        if not (lengths > 0).all():
+            raise ValueError(f"clip {name!r}: a rotation has length 0")
+        values = values / lengths
+    return Track(node, path, times, values, interpolation)

@@ -1,7 +1,7 @@
 """glTF 2.0 as JSON and numpy arrays: what trimesh does not tell, and what it does not read.
 
 trimesh loads geometry and node transforms, but reads some valid files wrongly without a word
-(sparse and quantised positions, fans, required extensions) and drops skins and animations.
+(sparse and quantised positions, fans, nodes with two parents) and drops skins and animations.
 `refuse_what_trimesh_misreads` finds the first kind from the JSON; `Document.accessor` reads the
 arrays that the second kind needs.
 """
@@ -15,7 +15,13 @@ from pathlib import Path
 
 import numpy as np
 
-__all__ = ["Document", "read_gltf", "refuse_what_trimesh_misreads"]
+__all__ = [
+    "Document",
+    "hierarchy",
+    "parents_first",
+    "read_gltf",
+    "refuse_what_trimesh_misreads",
+]
 
 FLOAT = 5126
 TRIANGLES, TRIANGLE_STRIP, TRIANGLE_FAN = 4, 5, 6
@@ -190,6 +196,63 @@ def _buffer_bytes(buffer, chunk, folder):
     return (folder / urllib.parse.unquote(uri)).read_bytes()
 
 
+def hierarchy(document):
+    """Read which node stands under which.
+
+    Parameters
+    ----------
+    document : Document
+
+    Returns
+    -------
+    parents : tuple of int
+        Of each node, -1 for a root.
+    reached : set of int
+        Nodes of the file's default scene; all, if it has no scenes.
+
+    Raises
+    ------
+    ValueError
+        If a node has two parents, is its own ancestor, or names a node or mesh that is not there.
+    """
+    nodes = document.items("nodes")
+    parents = [-1] * len(nodes)
+    for number, node in enumerate(nodes):
+        if "mesh" in node:
+            document.item("meshes", node["mesh"])
+        for child in node.get("children", []):
+            document.item("nodes", child)
+            if parents[child] >= 0:
+                raise ValueError(f"node {child} has two parents")
+            parents[child] = number
+    parents_first(parents)
+    roots = [number for number, parent in enumerate(parents) if parent < 0]
+    if document.items("scenes"):
+        roots = document.item("scenes", document.header.get("scene", 0)).get("nodes", [])
+    reached, waiting = set(), list(roots)
+    while waiting:
+        number = waiting.pop()
+        reached.add(number)
+        waiting += document.item("nodes", number).get("children", [])
+    return tuple(parents), reached
+
+
+def parents_first(parents):
+    """Order nodes, every parent before its children; ValueError if one is its own ancestor."""
+    order, done = [], [False] * len(parents)
+    for node in range(len(parents)):
+        chain = []
+        while node >= 0 and not done[node]:
+            if len(chain) > len(parents):
+                raise ValueError("the node hierarchy has a cycle")
+            chain.append(node)
+            node = parents[node]
+        for node in reversed(chain):
+            done[node] = True
+            order.append(node)
+    return order
+
+
 def refuse_what_trimesh_misreads(document):
     """Raise ValueError for a file that would load wrongly without a word.
 
@@ -200,15 +263,16 @@ def refuse_what_trimesh_misreads(document):
     Raises
     ------
     ValueError
-        For required extensions, GPU instancing, accessors outside their buffers, positions or
-        indices that are sparse, quantised or without data, triangle fans, and morph targets that
-        are not at rest.
+        For required extensions, GPU instancing, nodes with two parents or in a cycle, accessors
+        outside their buffers, positions or indices that are sparse, quantised or without data,
+        triangle fans, and morph targets that are not at rest.
     """
     header = document.header
     if header.get("extensionsRequired"):
         names = ", ".join(map(str, header["extensionsRequired"]))
         raise ValueError(f"it requires extensions, which csm does not read: {names}")
     document.check_accessors()
+    hierarchy(document)
     for node in document.items("nodes"):
         if "EXT_mesh_gpu_instancing" in node.get("extensions", {}):
             raise ValueError("it uses EXT_mesh_gpu_instancing, which csm does not read")

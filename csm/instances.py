@@ -64,9 +64,9 @@ def checked_transforms(world_from_instance, count):
 
 
 def _invertible(linear):
-    # Against the product of the columns' lengths: a tiny scale is fine, a flat one is not. The
-    # division by the largest entry keeps the cubes of tiny and huge scales representable.
-    largest = np.abs(linear).max(axis=(1, 2), initial=0.0, keepdims=True)
+    # The volume that the columns' directions span: a tiny scale is fine, a flat one is not.
+    # Dividing each column by its largest entry keeps tiny and huge scales representable.
+    largest = np.abs(linear).max(axis=1, keepdims=True)
     linear = linear / np.where(largest > 0.0, largest, 1.0)
     lengths = np.linalg.norm(linear, axis=1).prod(axis=1)
     return np.abs(np.linalg.det(linear)) > SINGULAR * lengths
