@@ -10,7 +10,6 @@ layout(location = 0) uniform int cascade;
 void main()
 {
     vec3 position_ls = light_position(origin_from_local(draw_record.y, position));
-    vec2 texels = lattice_texels(position_ls.xy, cascade) - vec2(frame.lattice[cascade].xy);
-    vec2 ndc = texels * (2.0 / float(frame.lattice[cascade].z)) - 1.0;
-    gl_Position = vec4(ndc, map_depth(position_ls.z, cascade), 1.0);
+    vec4 clip = frame.clip[cascade];
+    gl_Position = vec4(position_ls.xy * clip.xy + clip.zw, map_depth(position_ls.z, cascade), 1.0);
 }

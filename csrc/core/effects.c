@@ -103,6 +103,7 @@ void csm_settings_canonical(csm_settings *settings)
     if (effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
         csm_settings plain = csm_settings_default();
         plain.effects[CSM_EFFECT_FILTER] = CSM_FILTER_NONE;
+        plain.effects[CSM_EFFECT_INSTANCES] = effects[CSM_EFFECT_INSTANCES];
         *settings = plain;
         return;
     }

@@ -117,6 +117,7 @@ struct csm_gpu_scene {
     csm_geometry geometry; /* chunks and items for culling; vertex arrays are freed after upload */
     double origin[3];
     GLuint positions, indices, planes, instances, vertex_array;
+    GLuint plane_texture; /* planes as a buffer texture: half the cost of a storage buffer on software */
     uint64_t bytes;
     struct csm_gpu_scene *next;
 };
@@ -144,9 +145,10 @@ typedef struct csm_frame_uniforms {
     int32_t lattice[CSM_MAX_CASCADES][4]; /* whole texels to the window's corner x, y; size; padding */
     float depth[CSM_MAX_CASCADES][4];   /* scale, offset of uvz z; texel side x, y [m] */
     float split[CSM_MAX_CASCADES][4];   /* far view depth [m] */
+    float clip[CSM_MAX_CASCADES][4];    /* light x, y to clip x, y: scale, offset */
 } csm_frame_uniforms;
 
-_Static_assert(sizeof(csm_frame_uniforms) == 16 * (3 + 2 + 3 + 1 + 4 + 3) + 4 * 16 * CSM_MAX_CASCADES,
+_Static_assert(sizeof(csm_frame_uniforms) == 16 * (3 + 2 + 3 + 1 + 4 + 3) + 5 * 16 * CSM_MAX_CASCADES,
                "std140 of frame.glsl has no padding");
 
 /* -- renderer.c ----------------------------------------------------------------------------------- */

@@ -64,13 +64,13 @@ static csm_status keep_for_culling(const csm_geometry *geometry, csm_gpu_scene *
 csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geometry,
                               const double origin[3], csm_gpu_scene **out, csm_error *err)
 {
-    size_t plane_bytes = geometry->triangle_count * 4 * sizeof(float);
-    if ((int64_t)plane_bytes > renderer->info.max_buffer_bytes) {
+    GLint most = 0;
+    renderer->gl.GetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &most);
+    if (geometry->triangle_count > (size_t)most) {
         return csm_fail(err, CSM_ERROR_LIMIT,
-                        "a scene of %zu stored triangles needs a buffer of %zu bytes, the driver "
-                        "allows %lld: instance what repeats, or split the scene",
-                        geometry->triangle_count, plane_bytes,
-                        (long long)renderer->info.max_buffer_bytes);
+                        "a scene of %zu stored triangles exceeds GL_MAX_TEXTURE_BUFFER_SIZE %d: "
+                        "instance what repeats, or split the scene",
+                        geometry->triangle_count, most);
     }
     csm_gpu_scene *scene = calloc(1, sizeof *scene);
     if (!scene) {
@@ -88,7 +88,8 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
              geometry->positions},
             {&scene->indices, "indices", geometry->triangle_count * 3 * sizeof(uint32_t),
              geometry->indices},
-            {&scene->planes, "planes", plane_bytes, geometry->planes},
+            {&scene->planes, "planes", geometry->triangle_count * 4 * sizeof(float),
+             geometry->planes},
             {&scene->instances, "instances",
              (size_t)geometry->instance_count * 12 * sizeof(float), geometry->instances},
         };
@@ -98,6 +99,9 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
             scene->bytes += buffers[i].bytes;
         }
         memcpy(scene->origin, origin, sizeof scene->origin);
+        renderer->gl.CreateTextures(GL_TEXTURE_BUFFER, 1, &scene->plane_texture);
+        renderer->gl.TextureBuffer(scene->plane_texture, GL_RGBA32F, scene->planes);
+        renderer->info.live_objects++;
         make_vertex_array(renderer, scene);
         status = csm_debug_check(renderer, "upload", err);
     }
@@ -118,6 +122,10 @@ void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene)
             *link = scene->next;
             break;
         }
+    }
+    if (scene->plane_texture) {
+        renderer->gl.DeleteTextures(1, &scene->plane_texture);
+        renderer->info.live_objects--;
     }
     csm_buffer_drop(renderer, &scene->positions);
     csm_buffer_drop(renderer, &scene->indices);

@@ -8,14 +8,14 @@
 
 #include <string.h>
 
-#define GROUP_WIDTH 32
+#define GROUP_WIDTH 128 /* 32 invocations of 4 pixels: shadow_mask.comp */
 #define GROUP_HEIGHT 8
 #define POINT_GROUP 256
 #define MAX_GROUPS 65535
 #define BAND_TAPS (1 << 26) /* compares between two looks at the stop callback */
 
-enum { BLOCK_INSTANCES, BLOCK_PLANES, BLOCK_OUTPUT };
-enum { UNIT_IDS, UNIT_MAPS, UNIT_COMPARE, UNIT_DEPTH };
+enum { BLOCK_INSTANCES, BLOCK_POINTS, BLOCK_OUTPUT };
+enum { UNIT_IDS, UNIT_MAPS, UNIT_COMPARE, UNIT_PLANES };
 
 static void bind_inputs(csm_frame *frame)
 {
@@ -24,11 +24,9 @@ static void bind_inputs(csm_frame *frame)
     const csm_gpu_scene *scene = frame->desc->scene;
     GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, BLOCK_INSTANCES, scene->instances);
-    gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, BLOCK_PLANES, scene->planes);
     gl->BindTextureUnit(UNIT_IDS, renderer->targets[CSM_TARGET_VIEW_IDS].texture);
-    gl->BindTextureUnit(UNIT_DEPTH, renderer->targets[CSM_TARGET_VIEW_DEPTH].texture);
+    gl->BindTextureUnit(UNIT_PLANES, scene->plane_texture);
     gl->BindSampler(UNIT_IDS, renderer->nearest_sampler);
-    gl->BindSampler(UNIT_DEPTH, renderer->nearest_sampler);
     gl->BindTextureUnit(UNIT_MAPS, maps);
     gl->BindSampler(UNIT_MAPS, renderer->nearest_sampler);
     gl->BindTextureUnit(UNIT_COMPARE, maps);
@@ -167,7 +165,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err)
         return status;
     }
     bind_inputs(frame);
-    gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_PLANES, renderer->points_in, 0, in_bytes);
+    gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_POINTS, renderer->points_in, 0, in_bytes);
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_OUTPUT + CSM_BUFFER_POINTS,
                         renderer->buffers[CSM_BUFFER_POINTS].name, 0, (GLsizeiptr)out_bytes);
     gl->UseProgram(program);

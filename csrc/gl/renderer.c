@@ -377,8 +377,9 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
     csm_frame frame = {.renderer = renderer, .desc = desc, .out = out, .settings = desc->settings};
     csm_status status = check_render(desc, err);
     if (status == CSM_OK) {
+        frame.settings.effects[CSM_EFFECT_INSTANCES] = desc->scene->geometry.instance_count > 1;
         csm_settings_canonical(&frame.settings);
-        status = csm_plan_make(&desc->settings, desc->camera.width, desc->camera.height,
+        status = csm_plan_make(&frame.settings, desc->camera.width, desc->camera.height,
                                desc->outputs, &frame.plan, err);
     }
     if (status == CSM_OK) {

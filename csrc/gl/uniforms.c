@@ -68,6 +68,10 @@ static void write_cascade(const csm_frame *frame, int i, csm_frame_uniforms *uni
             uniforms->window[i][2 + axis] = (float)((origin_ls[axis] - corner) / texel);
             uniforms->lattice[i][axis] = 0;
         }
+        /* casters need no integers: their rounding is that of the rasteriser's own sub-texel grid */
+        double clip_scale = clip[5 * axis];
+        uniforms->clip[i][axis] = (float)clip_scale;
+        uniforms->clip[i][2 + axis] = (float)(clip_scale * origin_ls[axis] + clip[12 + axis]);
         uniforms->depth[i][2 + axis] = (float)texel;
     }
     uniforms->lattice[i][2] = cascades->map_size[i];

@@ -2,7 +2,7 @@
 
 float filter_visibility(map_receiver at)
 {
-    ivec2 texel = clamp(at.texel, ivec2(0), ivec2(frame.lattice[at.cascade].z - 1));
+    ivec2 texel = clamp(at.texel, ivec2(0), ivec2(at.size - 1));
     float stored = texelFetch(shadow_maps, ivec3(texel, at.cascade), 0).r;
     return at.z + dot(at.slope, 0.5 - at.fraction) <= stored ? 1.0 : 0.0;
 }

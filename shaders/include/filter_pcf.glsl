@@ -8,7 +8,7 @@
 
 float filter_visibility(map_receiver at)
 {
-    vec2 uv = (vec2(at.texel) + at.fraction) / float(frame.lattice[at.cascade].z);
+    vec2 uv = (vec2(at.texel) + at.fraction) / float(at.size);
     return texture(shadow_compare, vec4(uv, float(at.cascade), at.z));
 }
 
@@ -28,7 +28,7 @@ float pcf_tap(map_receiver at, ivec2 offset, float stored)
 
 float filter_visibility(map_receiver at)
 {
-    float size = float(frame.lattice[at.cascade].z);
+    float size = float(at.size);
     float lit = 0.0;
     for (int y = -pcf_radius; y <= pcf_radius; y += 2) {
         for (int x = -pcf_radius; x <= pcf_radius; x += 2) {

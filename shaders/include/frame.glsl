@@ -1,9 +1,12 @@
 // frame.glsl: what the CPU tells every pass of a frame; mirrored by csm_frame_uniforms in gl_internal.h.
 //
+// Functions read the copy, which lives in registers: on software GL every read of a uniform block costs about as much
+// as ten multiplications, and passes that answer for several pixels read it once for all.
+//
 // Spaces: "origin" is the world relative to the fixed origin of the scene; light space is a rotation of it.
 // A cascade's texel coordinates are light x, y in texels from the window's lower left corner.
 
-layout(std140, binding = 0) uniform frame_block
+struct frame_values
 {
     vec4 light_from_origin[3];      // rows of the rotation; w unused
     vec4 eye_high, eye_low;         // the eye relative to the origin, in two floats a coordinate
@@ -17,7 +20,15 @@ layout(std140, binding = 0) uniform frame_block
     ivec4 lattice[8];               // whole texels to the window's corner x, y; size; padding
     vec4 depth[8];                  // scale, offset of z; texel side in x, y [m]
     vec4 split[8];                  // far view depth [m]
-} frame;
+    vec4 clip[8];                   // light x, y to clip x, y: scale, offset
+};
+
+layout(std140, binding = 0) uniform frame_block
+{
+    frame_values frame_uniforms;
+};
+
+frame_values frame = frame_uniforms;
 
 vec3 light_position(vec3 position_origin)
 {

@@ -40,3 +40,14 @@ float depth_bias(receiver point, vec2 gradient, int cascade)
 #endif
     return frame.bias.w - metres * frame.depth[cascade].x; // the scale of z is negative
 }
+
+// Change of map depth per texel along u and v on the receiver's plane.
+vec2 depth_slope(receiver point, vec2 gradient, int cascade)
+{
+#if CSM_RECEIVER_PLANE
+    vec2 slope = -gradient * frame.depth[cascade].zw * frame.depth[cascade].x;
+    return point.normal == vec3(0.0) ? vec2(0.0) : slope;
+#else
+    return vec2(0.0);
+#endif
+}

@@ -17,49 +17,29 @@ layout(binding = 2) uniform sampler2DArrayShadow shadow_compare;
 
 float receiver_visibility(receiver point, out int cascade)
 {
-    ivec2 texel;
-    vec2 fraction;
-    float z;
-    cascade = select_cascade(point, texel, fraction, z);
-    if (cascade == no_cascade) {
-        return 1.0;
-    }
-    map_receiver at;
-    at.cascade = cascade;
-    at.texel = texel;
-    at.fraction = fraction;
-    vec2 gradient = depth_gradient(point.normal);
-    at.z = z - depth_bias(point, gradient, cascade);
-#if CSM_RECEIVER_PLANE
-    // light-view depth grows with -z of light space, as the map's depth does
-    at.slope = point.normal == vec3(0.0)
-                   ? vec2(0.0)
-                   : -gradient * frame.depth[cascade].zw * frame.depth[cascade].x;
-#else
-    at.slope = vec2(0.0);
-#endif
-    return filter_visibility(at);
+    map_receiver at = select_cascade(point);
+    cascade = at.cascade;
+    at.cascade = min(at.cascade, CSM_CASCADE_COUNT - 1);
+    float visibility = filter_visibility(at);
+    return cascade == no_cascade ? 1.0 : visibility;
 }
 
 int receiver_cascade(receiver point)
 {
-    ivec2 texel;
-    vec2 fraction;
-    float z;
-    return select_cascade(point, texel, fraction, z);
+    return select_cascade(point).cascade;
 }
 
 #else
 
 float receiver_visibility(receiver point, out int cascade)
 {
-    cascade = 255;
+    cascade = no_cascade;
     return 1.0;
 }
 
 int receiver_cascade(receiver point)
 {
-    return 255;
+    return no_cascade;
 }
 
 #endif
