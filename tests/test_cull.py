@@ -176,6 +176,38 @@ def test_what_lies_below_the_visible_part_is_dropped():
     ]
 
 
+def test_a_wide_box_behind_a_turned_camera_is_dropped():
+    # It crosses the lines through every edge of the outline; only the outline's own extent in light
+    # y, which starts at cos 20 - sin 20 = 0.6 m, tells them apart.
+    turn = np.radians(20)
+    camera, sun, settings = overhead_case()
+    camera = csm.Camera.look_at(
+        (0, 5, 0), (np.sin(turn), 5, -np.cos(turn)), fov_y_deg=90, near=1, far=41, size=(9, 9)
+    )
+    box = np.array([[-30.0, 5.0, 3.0, 30.0, 6.0, 5.0]])
+    assert kept_boxes(camera, sun, settings, box, 0, 0).tolist() == [False]
+    assert kept_boxes(camera, sun, settings, box, 0, 0, whole_window=True).tolist() == [True]
+
+
+def test_float32_positions_of_a_large_scene_are_allowed_for():
+    # 36 km and texels below a millimetre: float32 moves casters by many texels.
+    bounds = np.array([[-18e3, 0, -18e3], [18e3, 2e3, 18e3]])
+    camera = csm.Camera.look_at((0, 100, 0), (1, 99, 1), near=0.05, far=5e4, size=(16, 9))
+    sun, settings = csm.Sun((1, 1, 1)), csm.ShadowSettings(cascade_count=8, lam=1.0)
+    rng = np.random.default_rng(36)
+    wide = _Scene()
+    wide.bounds = bounds
+    cascades = csm.fit_cascades(camera, sun, settings, scene=wide)
+    assert cascades.texel_size[0, 0] < 1e-3
+    corners = oracles.sample_slice(camera, *cascades.splits[[0, -1]], 8, rng)
+    held = (np.abs(clip_points(cascades, 0, corners)[:, :2]) <= 1).all(axis=1)
+    assert held.sum() >= 4  # the near corners at least: nothing is more at the edge
+    moved = corners[held] + rng.choice([-1, 1], size=(held.sum(), 3)) * 2.0**-22 * 36e3
+    specks = np.concatenate([moved, moved], axis=1)
+    kept = _core.cull_boxes(camera, sun.to_light, settings, bounds, specks, 0)
+    assert len(kept) == held.sum()
+
+
 def test_a_kernel_widens_the_hull_by_its_radius():
     camera, sun, settings = overhead_case()
     cascades = csm.fit_cascades(camera, sun, settings, scene=_Scene)

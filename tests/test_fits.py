@@ -22,11 +22,15 @@ def lens(half_width, half_height, near=1.0, far=2.0, orthographic=False):
     )
 
 
-def tangents():
+def tangents(ratio):
+    """Half widths and heights, some beside the angle where the cases of the sphere meet."""
     for fov in FOVS:
         for aspect in ASPECTS:
             half_height = np.tan(np.radians(fov / 2))
             yield half_height * aspect, half_height
+    for beside in (0.99, 0.9995, 1.0, 1.0005, 1.01):
+        half = np.sqrt(beside * (ratio - 1.0) / (ratio + 1.0) / 2)
+        yield half, half
 
 
 # -------------------------------------------------------------------------------------------------
@@ -35,7 +39,7 @@ def tangents():
 
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_sphere_holds_the_corners_and_is_the_smallest(ratio):
-    for half_width, half_height in tangents():
+    for half_width, half_height in tangents(ratio):
         centre, radius = _core.fit_sphere(lens(half_width, half_height), 1.0, ratio)
         corners = oracles.view_corners(half_width, half_height, 1.0, ratio)
         distances = np.linalg.norm(corners - [0, 0, centre], axis=1)
@@ -65,7 +69,7 @@ def test_sphere_and_diameter_of_an_orthographic_slice():
 def test_diameter_is_the_largest_distance_and_bounds_every_box(ratio):
     rng = np.random.default_rng(4)
     rotations = np.array([oracles.random_rotation(rng) for _ in range(1000)])
-    for half_width, half_height in tangents():
+    for half_width, half_height in tangents(ratio):
         camera = lens(half_width, half_height)
         diameter = _core.fit_diameter(camera, 1.0, ratio)
         corners = oracles.view_corners(half_width, half_height, 1.0, ratio)

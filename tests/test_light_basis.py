@@ -40,6 +40,20 @@ def test_near_an_axis(axis, power):
             check(np.asarray(axis) + sign * 10.0**-power * tilt)
 
 
+def test_axes_are_those_of_the_shortest_turn():
+    # The formula of Duff et al. is the shortest rotation from +z, or from -z where z < 0, to the
+    # light, applied to x and y; written here by Rodrigues. From -z, y comes out mirrored.
+    rng = np.random.default_rng(0)
+    for direction in rng.normal(size=(500, 3)):
+        to_light = direction / np.linalg.norm(direction)
+        start = np.array([0.0, 0.0, np.copysign(1.0, to_light[2])])
+        x, y, z = np.cross(start, to_light)
+        cross = np.array([[0, -z, y], [z, 0, -x], [-y, x, 0]])
+        turn = np.eye(3) + cross + cross @ cross / (1 + start @ to_light)
+        expected = np.stack([turn[:, 0], start[2] * turn[:, 1], to_light])
+        np.testing.assert_allclose(_core.light_basis(direction)[:3, :3], expected, atol=TOLERANCE)
+
+
 def test_random_directions():
     rng = np.random.default_rng(1)
     for direction in rng.normal(size=(5000, 3)):
