@@ -5,7 +5,7 @@ import pickle
 import numpy as np
 import oracles
 import pytest
-from views import assert_covers, assert_finite, clip_points, scene_of, turned
+from views import assert_covers, assert_finite, scene_of, turned
 
 import csm
 from csm import _core, spaces
