@@ -103,11 +103,13 @@ def test_all_holds_every_extra_for_users():
 
 
 def tracked():
-    """Files that git knows, or None outside a checkout."""
-    done = subprocess.run(
-        ["git", "ls-files"], capture_output=True, text=True, check=False, cwd=ROOT
-    )
-    return done.stdout.split() if done.returncode == 0 and (ROOT / ".git").exists() else None
+    """Files that git knows, or None outside a checkout and without git."""
+    if not (ROOT / ".git").exists() or shutil.which("git") is None:
+        return None
+    command = ["git", "-c", f"safe.directory={ROOT}", "ls-files"]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=True, cwd=ROOT
+    ).stdout.split()
 
 
 @pytest.fixture(scope="module")
