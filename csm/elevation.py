@@ -257,7 +257,7 @@ def _read_tiff(path):
             f"{path}: the grid must be north up, rows to the south (got transform {transform!r})"
         )
     # A raster's transform points at the corner of a pixel, a sample is its centre.
-    x, y = transform @ (0.5, 0.5) if hasattr(transform, "__matmul__") else transform * (0.5, 0.5)
+    x, y = transform.c + 0.5 * transform.a, transform.f + 0.5 * transform.e
     if not degrees:
         return heights, (transform.a, -transform.e), (x, y)
     east, north = degree_size(y + 0.5 * (heights.shape[0] - 1) * transform.e)

@@ -344,7 +344,8 @@ class Scene:
         Raises
         ------
         ValueError
-            If there is no such clip (the text lists them) or the time is not finite.
+            If there is no such clip (the text lists them), the time is not finite, or the clip
+            scales something flat at that time.
         """
         seconds = as_number("seconds", seconds, rule="a finite time in seconds")
         if clip not in self.clips:

@@ -63,6 +63,8 @@ def test_camera_replace_keeps_the_shape_of_pixels():
     assert narrow.half_width / narrow.half_height == pytest.approx(1920 / 1080, rel=1e-15)
     assert camera.replace(far=9).half_width == camera.half_width
     assert camera.replace(half_width=0.5).half_height == camera.half_height
+    oblong = camera.replace(half_width=2 * camera.half_width).replace(size=(300, 300))
+    assert oblong.half_width == pytest.approx(2 * oblong.half_height, rel=1e-15)
     moved = camera.translated((1, 2, 3))
     assert moved.eye.tolist() == [1, 2, 8]
     assert moved.replace(eye=camera.eye) == camera
@@ -142,7 +144,13 @@ def test_sun_angles():
     assert Sun.from_compass(90, 0).to_light.tolist() == [1, 0, 0]
     assert Sun.from_compass(180, 0).to_light.tolist() == [0, 0, 1]
     assert Sun.from_compass(270, 0).to_light.tolist() == [-1, 0, 0]
-    for azimuth, elevation in ((33.0, 12.0), (-170.0, 60.0), (299.0, -5.0), (725.0, 1.0)):
+    for azimuth, elevation in (
+        (33.0, 12.0),
+        (120.0, 20.0),
+        (-170.0, 60.0),
+        (299.0, -5.0),
+        (725.0, 1.0),
+    ):
         a, e = np.radians(azimuth), np.radians(elevation)
         expected = [np.cos(e) * np.sin(a), np.sin(e), np.cos(e) * np.cos(a)]
         assert np.allclose(Sun.from_angles(azimuth, elevation).to_light, expected, atol=1e-14)

@@ -5,6 +5,7 @@ import pytest
 from gltf_files import TRIANGLE, Builder, one_triangle
 
 import csm
+from csm.gltf import read_gltf
 
 pytest.importorskip("trimesh")
 FACE = np.array([[0, 1, 2]], np.uint16)
@@ -95,6 +96,26 @@ def test_refuses_bad_vertices_and_indices(tmp_path, positions, triangles, text):
     with pytest.raises(ValueError, match=text) as caught:
         csm.load(builder.save(tmp_path / "bad.glb"))
     assert "bad.glb" in str(caught.value)
+
+
+def interleaved(stride):
+    """One triangle whose rows stand `stride` bytes apart, 99 between them."""
+    builder = one_triangle()
+    rows = np.full((5, stride // 4), 99, np.float32)
+    rows[:3, : min(3, stride // 4)] = TRIANGLE[:, : stride // 4]
+    builder.accessor(rows.reshape(-1))
+    view = builder.header["accessors"].pop()["bufferView"]
+    builder.header["bufferViews"][view]["byteStride"] = stride
+    builder.header["accessors"][0]["bufferView"] = view
+    return builder
+
+
+def test_interleaved_rows(tmp_path):
+    path = interleaved(28).save(tmp_path / "a.glb")
+    assert csm.load(path).flatten()[0].tolist() == TRIANGLE.tolist()
+    assert read_gltf(path).accessor(0).tolist() == TRIANGLE.tolist()
+    with pytest.raises(ValueError, match="ends beyond its buffer view"):
+        csm.load(interleaved(8).save(tmp_path / "b.glb"))
 
 
 def test_every_truncation_is_one_sentence(tmp_path):

@@ -145,6 +145,17 @@ def test_moved_by_whole_metres_the_relative_positions_keep_their_bits(offset):
     assert np.abs(here.origin - here.bounds.mean(axis=0)).max() <= 0.5 + 1e-9
 
 
+@pytest.mark.parametrize("extent", [1e-3, 0.7, 30.0, 5e4, 1e7])
+def test_origin_is_near_the_centre_of_scenes_of_any_size(extent):
+    random = np.random.default_rng(11)
+    positions = random.uniform(-0.3, 0.7, (30, 3)) * extent
+    scene = Scene.from_arrays(positions, random.integers(0, 30, (20, 3)))
+    size = (scene.bounds[1] - scene.bounds[0]).max()
+    # Half a step of at most 1 m and at most 1/1024 of the extent.
+    away = np.abs(scene.origin - scene.bounds.mean(axis=0)).max()
+    assert away <= min(0.5, size / 2048) * (1 + 1e-9)
+
+
 def test_flatten_relative_is_flatten_minus_the_point():
     scene = random_scene()
     point = np.array([10.0, -3.0, 2.0])

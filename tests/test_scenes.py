@@ -53,6 +53,8 @@ def view_depths(camera, points):
         (box((0, 0, 0), (1, 2, 3)), 6.0),
         # A pyramid over a regular octagon of radius 2: area 4 sqrt(2) / 2 * 4, times h / 3.
         (cone(2.0, 1.0, 4.0, sides=8), 8 * np.sqrt(2)),
+        # Two slabs of 0.15 m over half the house and an overhang of 0.5 m; gables have no volume.
+        (roof((-3, 5, -4), (3, 8, 4), 0.5, 0.15), 2 * 0.15 * 3.5 * 9.0),
         (repeat(box((0, 0, 0), (1, 1, 1)), placements(np.eye(3) * 5, 30, (1, 2, 3))), 36.0),
     ],
 )
