@@ -26,7 +26,7 @@ SKY_ZENITH = np.array([0.13, 0.28, 0.58])
 SKY_HORIZON = np.array([0.60, 0.70, 0.80])
 PLASTER = np.array([0.62, 0.59, 0.54])
 MEADOW = np.array([0.20, 0.27, 0.10])
-ROCK = np.array([0.42, 0.36, 0.29])
+ROCK = np.array([0.235, 0.225, 0.145])
 
 CASCADE_COLOURS = (
     np.array(
@@ -228,7 +228,7 @@ def _exposed(colour, valid):
     if not valid.any():
         return colour
     bright = np.percentile(colour[valid].mean(axis=-1), 98)
-    return colour * np.clip(0.75 / max(bright, 1e-6), 1.0, 5.0)
+    return colour * np.clip(0.55 / max(bright, 1e-6), 1.0, 5.0)
 
 
 def _map_tile(depth, side, frame_colour):
