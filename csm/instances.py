@@ -96,8 +96,8 @@ def measured_bounds(meshes, instance_mesh, world_from_instance):
 def chosen_origin(bounds):
     """Round the bounds' centre to a power of two of at most 1 m: (3,) float64, read-only.
 
-    The step is at most 1/1024 of the extent, so float32 loses nothing by it; moving a scene by whole
-    metres then moves the origin by exactly as much.
+    The step is at most 1/1024 of the extent, so float32 loses nothing by it; moving a scene by
+    whole metres then moves the origin by exactly as much.
     """
     lower, upper = bounds
     extent = float((upper - lower).max())
