@@ -120,9 +120,10 @@ def demo_terrain(trees=4000):
     def over(x, z, above):
         return (x, float(surface_height(heights, cell_size, x, z)) + above, z)
 
-    def looking(eye, compass_deg, down_deg, fov_y_deg):
+    # Near planes just before what is seen: splits by logarithm start there.
+    def looking(eye, compass_deg, down_deg, fov_y_deg, near):
         towards = Sun.from_compass(compass_deg, -down_deg).to_light
-        return Camera.look_at(eye, eye + towards, fov_y_deg=fov_y_deg, near=1, far=50_000)
+        return Camera.look_at(eye, eye + towards, fov_y_deg=fov_y_deg, near=near, far=50_000)
 
     ridge = over(5600.0, -5750.0, 80.0)
     meshes, instance_mesh, transforms = [Mesh(*grid_mesh(heights, cell_size), "terrain")], [0], []
@@ -143,9 +144,9 @@ def demo_terrain(trees=4000):
         np.concatenate([np.eye(4)[None], np.reshape(transforms, (-1, 4, 4))]),
         name="demo",
         cameras={
-            "ridge": looking(ridge, 75, 12, 45),
-            "crest": looking(over(5890.0, -5870.0, 22.0), 248, 5, 50),
-            "overview": looking((2000.0, 15000.0, 27000.0), 356, 33, 45),
+            "ridge": looking(ridge, 75, 12, 45, near=60),
+            "crest": looking(over(5890.0, -5870.0, 22.0), 248, 5, 50, near=20),
+            "overview": looking((2000.0, 15000.0, 27000.0), 356, 33, 45, near=12_000),
         },
         suns={
             "evening": Sun.from_compass(288, 8, 0.53),
