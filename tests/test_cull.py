@@ -133,6 +133,23 @@ def test_culling_drops_most_of_what_the_window_alone_keeps():
     assert kept < 0.6 * whole
 
 
+@pytest.mark.parametrize("select", SELECTS)
+@pytest.mark.parametrize(
+    "kernel", [{"filter": "hard"}, {"filter": "pcf", "filter_size": 7}], ids=["hard", "pcf"]
+)
+def test_masks_are_equal_to_the_bit_without_culling(renderer, select, kernel):
+    scene = csm.scenes.long_road()
+    for camera in scene.cameras.values():
+        camera = camera.replace(size=(320, 180))
+        for sun in scene.suns.values():
+            settings = csm.ShadowSettings(map_size=512, select=select, **kernel)
+            culled = renderer.render(scene, camera, sun, settings)
+            full = renderer.render(scene, camera, sun, settings.replace(cull="none"))
+            np.testing.assert_array_equal(culled.mask, full.mask)
+            drawn = [sum(frame.info["triangles_drawn"]) for frame in (culled, full)]
+            assert drawn[0] < drawn[1]
+
+
 def overhead_case():
     """A camera that looks down -z from (0, 5, 0) with a right angle, a sun overhead."""
     camera = csm.Camera.look_at((0, 5, 0), (0, 5, -1), fov_y_deg=90, near=1, far=41, size=(9, 9))
