@@ -83,7 +83,7 @@ class Camera:
             raise ValueError(f"far must be > near (got near {near:g}, far {far:g})")
         put("near", near)
         put("far", far)
-        put("size", _checked_size(self.size))
+        put("size", checked_size(self.size))
 
     @classmethod
     def look_at(
@@ -120,7 +120,7 @@ class Camera:
         TypeError, ValueError
             If a value breaks its rule.
         """
-        size = _checked_size(size)
+        size = checked_size(size)
         half_height = _half_height(fov_y_deg)
         half_width = half_height * size[0] / size[1]
         axes = look_at_axes(eye, target, up)
@@ -193,7 +193,7 @@ class Camera:
             changes["half_height"] = _half_height(changes.pop("fov_y_deg"))
         fields.update(changes)
         if "half_width" not in changes:
-            width, height = _checked_size(fields["size"])
+            width, height = checked_size(fields["size"])
             pixel_shape = self.half_width * self.size[1] / (self.half_height * self.size[0])
             half_height = as_number("half_height", fields["half_height"], 1e-9, 1e9)
             if (half_height, width, height) != (self.half_height, *self.size):
@@ -242,7 +242,7 @@ def _orthographic(
     TypeError, ValueError
         If a value breaks its rule.
     """
-    size = _checked_size(size)
+    size = checked_size(size)
     half_height = 0.5 * as_number("height", height, 2e-9, 2e9)
     half_width = half_height * size[0] / size[1]
     return cls(eye, *look_at_axes(eye, target, up), half_width, half_height, near, far, size, True)
@@ -262,7 +262,8 @@ def _half_height(fov_y_deg):
     return math.tan(math.radians(0.5 * fov_y_deg))
 
 
-def _checked_size(size):
+def checked_size(size):
+    """Check a (width, height) in pixels; TypeError or ValueError if it is none."""
     rule = f"(width, height) in whole pixels, each 1 to {MAX_SIZE}"
     try:
         numbers = tuple(size)

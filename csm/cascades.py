@@ -5,8 +5,23 @@ from dataclasses import dataclass, fields
 import numpy as np
 
 from . import _core
+from .camera import Camera
+from .scene import Scene
+from .settings import ShadowSettings
+from .sun import Sun
 
 __all__ = ["Cascades", "fit_cascades"]
+
+_KINDS = {"scene": Scene, "camera": Camera, "sun": Sun, "settings": ShadowSettings}
+
+
+def check_kinds(**arguments):
+    """Raise TypeError unless arguments of these names are what the names say."""
+    for name, value in arguments.items():
+        if not isinstance(value, _KINDS[name]):
+            raise TypeError(
+                f"{name} must be a csm.{_KINDS[name].__name__} (got {type(value).__name__})"
+            )
 
 
 @dataclass(frozen=True, eq=False)
@@ -110,6 +125,11 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held_step
     camera moves. An orthographic camera whose near is not positive has no ratio to round by: its
     far is only cut to the scene.
     """
+    check_kinds(camera=camera, sun=sun, settings=settings)
+    if scene is not None and not hasattr(scene, "bounds"):  # all that is read of it
+        check_kinds(scene=scene)
+    if held_step is not None and not isinstance(held_step, int | np.integer):
+        raise TypeError(f"held_step must be a whole number or None (got {held_step!r})")
     if receivers is not None:
         receivers = np.asarray(receivers)
         if receivers.ndim != 2 or receivers.shape[1] != 3 or receivers.dtype.kind not in "fiu":

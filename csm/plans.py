@@ -4,6 +4,8 @@ from dataclasses import dataclass
 from typing import NamedTuple
 
 from . import _core
+from .camera import checked_size
+from .cascades import check_kinds
 
 __all__ = ["DEFAULT_OUTPUTS", "OUTPUTS", "Plan", "plan"]
 
@@ -57,7 +59,8 @@ class Plan:
             lines.append(f"  pass     {step.name}{place}")
         for texture in self.textures:
             size = f"{texture.width} x {texture.height} x {texture.layers}"
-            lines.append(f"  texture  {texture.name} {texture.format} {size}: {texture.bytes:,} bytes")
+            what = f"{texture.name} {texture.format} {size}"
+            lines.append(f"  texture  {what}: {texture.bytes:,} bytes")
         return "\n".join(lines)
 
 
@@ -74,6 +77,8 @@ def output_bits(outputs, points=False):
     Returns
     -------
     bits : int
+    names : tuple of str
+        `outputs`, which may be an iterator, kept.
 
     Raises
     ------
@@ -82,14 +87,18 @@ def output_bits(outputs, points=False):
     """
     if isinstance(outputs, str):
         raise TypeError(f"outputs must be a sequence of names (got the string {outputs!r})")
+    try:
+        names = tuple(outputs)
+    except TypeError:
+        raise TypeError(f"outputs must be a sequence of names (got {outputs!r})") from None
     bits = _core.OUTPUTS["points"] if points else 0
-    for name in outputs:
+    for name in names:
         if name not in OUTPUTS:
             raise ValueError(f"outputs may name {', '.join(OUTPUTS)} (got {name!r})")
         bits |= _core.OUTPUTS[name]
     if not bits:
         raise ValueError("outputs must name at least one output (got none)")
-    return bits
+    return bits, names
 
 
 def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS):
@@ -123,8 +132,9 @@ def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS):
       texture  view_ids rg32ui 1920 x 1080 x 1: 16,588,800 bytes
       texture  view_depth d32f 1920 x 1080 x 1: 8,294,400 bytes
     """
-    width, height = size
-    steps, textures, programs, total = _core.plan(settings, width, height, output_bits(outputs))
+    check_kinds(settings=settings)
+    bits, _ = output_bits(outputs)
+    steps, textures, programs, total = _core.plan(settings, *checked_size(size), bits)
     return Plan(
         tuple(Pass(name, None if cascade < 0 else cascade, key) for name, cascade, key in steps),
         tuple(Texture(*texture) for texture in textures),

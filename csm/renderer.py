@@ -11,14 +11,12 @@ from importlib import resources
 import numpy as np
 
 from . import _core
-from .camera import Camera
-from .cascades import Cascades
-from .errors import ContextError, GLWarning, ShaderError
+from .cascades import Cascades, check_kinds
+from .errors import ContextError, GLWarning, LimitError, ShaderError
 from .frame import Frame, array_shapes, prepare_arrays
 from .plans import DEFAULT_OUTPUTS, output_bits
-from .scene import Scene
 from .settings import ShadowSettings
-from .sun import Sun
+from .spaces import real_array
 
 __all__ = ["Renderer", "backends"]
 
@@ -62,8 +60,8 @@ class Renderer:
 
     Raises
     ------
-    ValueError
-        If the back end is unknown.
+    TypeError, ValueError
+        If the back end is unknown or `shader_dir` is no folder.
     ContextError
         If no context can be made; the text says why for each back end.
     """
@@ -76,8 +74,7 @@ class Renderer:
         self._dropped = []  # handles of scenes that are gone, freed at the next call
         self._warned = set()
         self._held = None  # scene reference, camera, range step of the last frame
-        folder = resources.files("csm.shaders") if shader_dir is None else shader_dir
-        self._core = _open(backend, bool(debug), os.fspath(folder))
+        self._core = _open(backend, bool(debug), _shader_folder(shader_dir))
         self._info = self._core.describe()
         _alive.add(self)
 
@@ -203,10 +200,11 @@ class Renderer:
         the edge of a step does not flip. Cameras further apart share nothing.
         """
         settings = ShadowSettings() if settings is None else settings
-        _check_kinds(scene=scene, camera=camera, sun=sun, settings=settings)
+        check_kinds(scene=scene, camera=camera, sun=sun, settings=settings)
         points = _checked_points(points)
-        bits = output_bits(outputs, points is not None)
+        bits, outputs = output_bits(outputs, points is not None)
         point_count = None if points is None else len(points)
+        self._check_limits(_core.plan(settings, *camera.size, bits)[1])
         arrays = prepare_arrays(array_shapes(camera, settings, outputs, point_count), out)
         with self._lock:
             core = self._open_core()
@@ -240,6 +238,15 @@ class Renderer:
             info=self._frame_info(result, settings),
         )
 
+    def _check_limits(self, textures):
+        # before arrays are made: what the driver cannot hold, the host's memory may not hold either
+        limit = self._info["max_texture_size"]
+        for name, _, width, height, layers, _ in textures:
+            if max(width, height) > limit:
+                raise LimitError(
+                    f"{name} {width} x {height} x {layers} exceeds GL_MAX_TEXTURE_SIZE {limit}"
+                )
+
     def _frame_info(self, result, settings):
         driver = ("backend", "platform", "vendor", "renderer", "version", "software")
         lists = result["lists"]
@@ -262,9 +269,7 @@ class Renderer:
         if known is not None:
             return known[1]
         meshes = tuple((mesh.positions, mesh.triangles) for mesh in scene.meshes)
-        handle = core.upload(
-            meshes, scene.instance_mesh, scene.world_from_instance, scene.origin
-        )
+        handle = core.upload(meshes, scene.instance_mesh, scene.world_from_instance, scene.origin)
         key, scenes, dropped = id(scene), self._scenes, self._dropped
 
         def drop(_):
@@ -298,24 +303,29 @@ class Renderer:
                 warnings.warn(text, GLWarning, stacklevel=3)
 
 
-def _check_kinds(**arguments):
-    kinds = {"scene": Scene, "camera": Camera, "sun": Sun, "settings": ShadowSettings}
-    for name, value in arguments.items():
-        if not isinstance(value, kinds[name]):
-            raise TypeError(
-                f"{name} must be a csm.{kinds[name].__name__} (got {type(value).__name__})"
-            )
-
-
 def _checked_points(points):
     if points is None:
         return None
-    points = np.ascontiguousarray(points, dtype=np.float64)
+    points = np.ascontiguousarray(real_array("points", points), dtype=np.float64)
     if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"points: expected (m, 3), got {points.shape}")
-    if not np.isfinite(points).all():
-        raise ValueError("points must be finite (got NaN or inf)")
+        raise ValueError(f"points must be (m, 3) (got shape {points.shape})")
+    finite = np.isfinite(points).all(axis=1)
+    if not finite.all():
+        wrong = int(np.argmin(finite))
+        raise ValueError(f"points must be finite (number {wrong} is {points[wrong].tolist()})")
     return points
+
+
+def _shader_folder(shader_dir):
+    if shader_dir is None:
+        return os.fspath(resources.files("csm.shaders"))
+    try:
+        folder = os.fsdecode(shader_dir)
+    except TypeError:
+        raise TypeError(f"shader_dir must be the path of a folder (got {shader_dir!r})") from None
+    if not os.path.isdir(folder):
+        raise ValueError(f"shader_dir must be a folder (got {folder!r}, which is none)")
+    return folder
 
 
 def _on_main_thread():
@@ -362,9 +372,7 @@ def backends():
     for name in _core.BACKENDS:
         try:
             with Renderer(name) as renderer:
-                found.append(
-                    {"name": name, "available": True, "reason": "", "info": renderer.info}
-                )
+                found.append({"name": name, "available": True, "reason": "", "info": renderer.info})
         except ContextError as error:
             found.append({"name": name, "available": False, "reason": str(error), "info": {}})
     return found

@@ -3,6 +3,8 @@
 import math
 from dataclasses import asdict, dataclass, fields, replace
 
+import numpy as np
+
 from . import _core
 
 __all__ = ["ShadowSettings"]
@@ -100,13 +102,13 @@ class ShadowSettings:
             if field.name == "map_size":
                 put("map_size", _map_size(value, self.cascade_count))
             elif field.name == "manual_splits":
-                put("manual_splits", tuple(_number("manual_splits", item) for item in value))
+                put("manual_splits", _manual_splits(value))
             elif field.type is float:
                 put(field.name, _number(field.name, value))
             elif field.type is int:
                 put(field.name, _whole(field.name, value))
             elif field.type is bool:
-                if value not in (True, False):
+                if not isinstance(value, bool | np.bool_ | int) or value not in (0, 1):
                     raise TypeError(f"{field.name} must be True or False (got {value!r})")
                 put(field.name, bool(value))
             elif not isinstance(value, str):
@@ -138,9 +140,7 @@ class ShadowSettings:
         known = {field.name for field in fields(self)}
         for name in changes:
             if name not in known:
-                raise TypeError(
-                    f"{name!r} is no setting; there are {', '.join(sorted(known))}"
-                )
+                raise TypeError(f"{name!r} is no setting; there are {', '.join(sorted(known))}")
         if "cascade_count" in changes and isinstance(self.map_size, tuple):
             changes.setdefault("map_size", _resized(self.map_size, changes["cascade_count"]))
         return replace(self, **changes)
@@ -158,7 +158,7 @@ class ShadowSettings:
         }
 
     def canonical(self):
-        """Equal settings with what has no meaning at its default, so that equal pictures compare equal.
+        """Copy with what has no meaning at its default, so that equal pictures compare equal.
 
         Returns
         -------
@@ -196,8 +196,14 @@ def _whole(name, value):
     return number
 
 
+def _manual_splits(value):
+    if not np.iterable(value):
+        raise TypeError(f"manual_splits must be a sequence of view depths [m] (got {value!r})")
+    return tuple(_number("manual_splits", item) for item in value)
+
+
 def _map_size(value, cascade_count):
-    if not hasattr(value, "__len__"):
+    if not np.iterable(value):
         return _whole("map_size", value)
     sizes = tuple(_whole("map_size", size) for size in value)
     if len(sizes) != cascade_count:

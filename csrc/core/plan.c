@@ -147,6 +147,10 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
     if (!outputs) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT, "outputs must name at least one output");
     }
+    if (width < 1 || height < 1) {
+        return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                        "size must be at least 1 x 1 pixels (got %d x %d)", width, height);
+    }
     for (int i = 1; i < count && shadowed; i++) {
         if (canonical.map_size[i] != size) {
             return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,

@@ -67,15 +67,25 @@ void csm_debug_pop(csm_renderer *renderer)
     }
 }
 
+/* More error flags than a driver has; one that has lost its device would report for ever. */
+#define MAX_ERROR_FLAGS 16
+
 csm_status csm_debug_check(csm_renderer *renderer, const char *pass, csm_error *err)
 {
-    if (renderer->ring.failed) {
-        renderer->ring.failed = false;
-        return csm_fail(err, CSM_ERROR_GL, "%s: %s", pass, renderer->ring.error);
-    }
     GLenum code = renderer->gl.GetError();
+    bool told = renderer->ring.failed;
+    renderer->ring.failed = false;
+    for (int i = 0; i < MAX_ERROR_FLAGS && code != GL_NO_ERROR; i++) {
+        if (renderer->gl.GetError() == GL_NO_ERROR) {
+            break; /* what is left standing would fail the next check, of another call */
+        }
+    }
     if (code == GL_OUT_OF_MEMORY) {
-        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "%s: the driver is out of memory", pass);
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "%s: the driver is out of memory%s%s", pass,
+                        told ? ": " : "", told ? renderer->ring.error : "");
+    }
+    if (told) {
+        return csm_fail(err, CSM_ERROR_GL, "%s: %s", pass, renderer->ring.error);
     }
     if (code != GL_NO_ERROR) {
         return csm_fail(err, CSM_ERROR_GL,

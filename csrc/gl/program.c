@@ -71,12 +71,14 @@ static csm_status compile_stage(csm_frame *frame, csm_pass pass, const char *fil
     size_t needed = csm_program_defines(pass, &frame->settings, frame->plan.outputs, defines,
                                         sizeof defines);
     if (needed >= sizeof defines) {
-        return csm_fail(err, CSM_ERROR_SHADER, "the defines of %s need %zu bytes", file, needed);
+        return csm_fail(err, CSM_ERROR_SHADER, "%s: the defines of %s need %zu bytes",
+                        csm_pass_name(pass), file, needed);
     }
-    csm_status status =
-        csm_shader_source_load(file, defines, renderer->read, renderer->read_user, &source, err);
+    csm_error problem = {0};
+    csm_status status = csm_shader_source_load(file, defines, renderer->read, renderer->read_user,
+                                               &source, &problem);
     if (status != CSM_OK) {
-        return status;
+        return csm_fail(err, status, "%s: %.900s", csm_pass_name(pass), problem.text);
     }
     GLuint shader = gl->CreateShader(stage);
     GLint compiled = 0;
@@ -92,6 +94,10 @@ static csm_status compile_stage(csm_frame *frame, csm_pass pass, const char *fil
         shader = 0;
         renderer->ring.failed = false; /* the debug output tells the same again */
         status = csm_fail(err, CSM_ERROR_SHADER, "%s: %s", csm_pass_name(pass), rewritten);
+    } else if (renderer->ring.failed) {
+        char warning[CSM_MESSAGE_SIZE]; /* Mesa warns with high severity: it fails the next check */
+        snprintf(warning, sizeof warning, "%s", renderer->ring.error);
+        rewrite_log(warning, &source, renderer->ring.error, sizeof renderer->ring.error);
     }
     csm_shader_source_destroy(&source);
     *out_shader = shader;
@@ -122,7 +128,7 @@ static csm_status link_program(csm_frame *frame, csm_pass pass, GLuint *out_name
             gl->DeleteProgram(name);
             name = 0;
             renderer->ring.failed = false;
-            status = csm_fail(err, CSM_ERROR_SHADER, "%s does not link: %s", csm_pass_name(pass), log);
+            status = csm_fail(err, CSM_ERROR_SHADER, "%s: does not link: %s", csm_pass_name(pass), log);
         }
     }
     for (int i = 0; i < 2; i++) {

@@ -33,6 +33,8 @@ static csm_status enter(csm_renderer *renderer, csm_saved_binding *saved, csm_er
 
 static void leave(csm_renderer *renderer, const csm_saved_binding *saved)
 {
+    /* a call that failed before its check must not fail the next one */
+    csm_debug_check(renderer, "leaving", NULL);
     csm_context_unbind(&renderer->context);
     csm_binding_restore(saved);
     pthread_mutex_unlock(&renderer->lock);

@@ -45,18 +45,25 @@ static PyObject *class_of(PyObject *module, const char *name)
     return !strcmp(name, "MemoryError") ? PyExc_MemoryError : PyExc_ValueError;
 }
 
+PyObject *csm_py_text(const char *text)
+{
+    return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace");
+}
+
 /* "pass: log" as attributes, for people who read logs by program. */
 static void raise_shader_error(PyObject *class, const char *text)
 {
     const char *colon = strchr(text, ':');
-    PyObject *error = PyObject_CallFunction(class, "s", text);
+    PyObject *whole = csm_py_text(text);
+    PyObject *error = whole ? PyObject_CallOneArg(class, whole) : NULL;
     PyObject *pass_name =
         PyUnicode_FromStringAndSize(text, colon ? (Py_ssize_t)(colon - text) : 0);
-    PyObject *log = PyUnicode_FromString(colon ? colon + 1 + strspn(colon + 1, " ") : text);
+    PyObject *log = csm_py_text(colon ? colon + 1 + strspn(colon + 1, " ") : text);
     if (error && pass_name && log && PyObject_SetAttrString(error, "pass_name", pass_name) == 0 &&
         PyObject_SetAttrString(error, "log", log) == 0) {
         PyErr_SetObject(class, error);
     }
+    Py_XDECREF(whole);
     Py_XDECREF(error);
     Py_XDECREF(pass_name);
     Py_XDECREF(log);
@@ -75,7 +82,11 @@ PyObject *csm_py_raise(PyObject *module, const csm_error *err)
     if (err->status == CSM_ERROR_SHADER) {
         raise_shader_error(class, err->text);
     } else {
-        PyErr_SetString(class, err->text);
+        PyObject *text = csm_py_text(err->text);
+        if (text) {
+            PyErr_SetObject(class, text);
+            Py_DECREF(text);
+        }
     }
     return NULL;
 }

@@ -31,6 +31,10 @@ typedef struct csm_module_state {
 
 /* errors.c: the only place that maps a status to an exception. Always returns NULL. */
 PyObject *csm_py_raise(PyObject *module, const csm_error *err);
+
+/* Text of a driver or of an error as a string: bytes that are no UTF-8 (a character cut at the end of a
+ * buffer) are replaced, never an error of their own. */
+PyObject *csm_py_text(const char *text);
 int csm_py_add_exceptions(PyObject *module);
 
 /* arrays.c */

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #define SCENE_CAPSULE "csm_gpu_scene"
+#define READ_SIZE 16384
 
 typedef struct renderer_object {
     PyObject_HEAD
@@ -34,23 +35,18 @@ static bool read_shader(void *user, const char *name, char **out_text)
         return false;
     }
     char *text = NULL;
-    size_t used = 0, room = 0;
-    for (;;) {
-        if (used + 4096 + 1 > room) {
-            room = 2 * room + 8192;
-            char *grown = realloc(text, room);
-            if (!grown) {
-                break;
-            }
+    size_t used = 0, got = 0;
+    bool complete;
+    do {
+        char *grown = realloc(text, used + READ_SIZE + 1);
+        complete = grown != NULL;
+        if (complete) {
             text = grown;
+            got = fread(text + used, 1, READ_SIZE, file);
+            used += got;
+            complete = !ferror(file); /* opening a folder works, reading it does not */
         }
-        size_t got = fread(text + used, 1, 4096, file);
-        used += got;
-        if (!got) {
-            break;
-        }
-    }
-    bool complete = text && !ferror(file);
+    } while (complete && got);
     fclose(file);
     if (!complete) {
         free(text);
@@ -183,14 +179,18 @@ static PyObject *renderer_reload(PyObject *object, PyObject *unused)
     Py_RETURN_NONE;
 }
 
+/* Runs with the renderer's lock held and without the GIL, like every callback. */
 static void append_message(void *user, unsigned id, const char *severity, const char *text)
 {
+    PyGILState_STATE gil = PyGILState_Ensure();
     PyObject *list = user;
-    PyObject *item = Py_BuildValue("(Iss)", id, severity, text);
+    PyObject *item =
+        PyErr_Occurred() ? NULL : Py_BuildValue("(IsN)", id, severity, csm_py_text(text));
     if (item) {
-        PyList_Append(list, item);
+        PyList_Append(list, item); /* a failure stays set for renderer_messages */
         Py_DECREF(item);
     }
+    PyGILState_Release(gil);
 }
 
 static PyObject *renderer_messages(PyObject *object, PyObject *unused)
@@ -199,7 +199,9 @@ static PyObject *renderer_messages(PyObject *object, PyObject *unused)
     csm_renderer *renderer = open_renderer(object);
     PyObject *list = renderer ? PyList_New(0) : NULL;
     if (list) {
+        Py_BEGIN_ALLOW_THREADS
         csm_renderer_drain_messages(renderer, append_message, list);
+        Py_END_ALLOW_THREADS
         if (PyErr_Occurred()) {
             Py_CLEAR(list);
         }
