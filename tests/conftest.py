@@ -11,16 +11,16 @@ import scene_files
 import csm
 from csm.pictures import save_png
 
-# GL objects of one uploaded scene: positions, indices, planes, instances, vertex array.
-OBJECTS_PER_SCENE = 5
-
 _FAILED = pytest.StashKey[bool]()
 
 
 def pytest_configure(config):
     """A complaint of the driver fails the test that caused it; so does a renderer left open."""
     config.addinivalue_line("filterwarnings", "error::csm.GLWarning")
-    config.addinivalue_line("filterwarnings", "error::pytest.PytestUnraisableExceptionWarning")
+    unclosed = (
+        "error:Exception ignored in. .function Renderer:pytest.PytestUnraisableExceptionWarning"
+    )
+    config.addinivalue_line("filterwarnings", unclosed)
 
 
 @pytest.hookimpl(wrapper=True)
@@ -38,33 +38,40 @@ class _Idle:
     """A small scene whose frame touches every texture and buffer a renderer keeps from frame to
     frame: after it, what is alive beyond it belongs to scenes and programs."""
 
-    def __init__(self):
-        self.scene = csm.Scene.from_arrays(
-            [[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [0, 1, 0]], [[0, 1, 2], [0, 1, 3]]
-        )
-        self.camera = csm.Camera.look_at((0, 3, 2), (0, 0, 0), near=0.5, far=9, size=(8, 8))
-        self.sun = csm.Sun((0.3, 1, 0.2))
-        self.settings = csm.ShadowSettings(cascade_count=1, map_size=8)
+    camera = csm.Camera.look_at((0, 3, 2), (0, 0, 0), near=0.5, far=9, size=(8, 8))
+    settings = csm.ShadowSettings(cascade_count=1, map_size=8)
+    outputs = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
 
-    def draw(self, renderer):
-        renderer.render(
-            self.scene,
+    def __init__(self, renderer):
+        self.renderer = renderer
+        self.scene, twin = self.make_scene(), self.make_scene()
+        self.draw(self.scene)
+        alone = renderer.info["live_objects"]
+        self.draw(twin)
+        self.objects_per_scene = renderer.info["live_objects"] - alone
+
+    @staticmethod
+    def make_scene():
+        positions = [[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [0, 1, 0]]
+        return csm.Scene.from_arrays(positions, [[0, 1, 2], [0, 1, 3]])
+
+    def draw(self, scene):
+        self.renderer.render(
+            scene,
             self.camera,
-            self.sun,
+            csm.Sun((0.3, 1, 0.2)),
             self.settings,
-            outputs=("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal"),
+            outputs=self.outputs,
             points=[[0.0, 0.0, 0.0]],
         )
 
-
-def _objects_beyond_scenes_and_programs(renderer, idle):
-    """OpenGL objects that neither a living scene nor a program accounts for."""
-    gc.collect()
-    idle.draw(renderer)
-    info = renderer.info
-    return info["live_objects"] - OBJECTS_PER_SCENE * len(renderer._scenes) - info[
-        "programs_compiled"
-    ]
+    def unowned_objects(self):
+        """OpenGL objects that neither a living scene nor a program accounts for."""
+        gc.collect()
+        self.draw(self.scene)
+        info = self.renderer.info
+        scenes = self.objects_per_scene * len(self.renderer._scenes)
+        return info["live_objects"] - scenes - info["programs_compiled"]
 
 
 def _complaints(renderer):
@@ -81,8 +88,8 @@ def _shared_renderer():
 
 
 @pytest.fixture(scope="session")
-def _idle():
-    return _Idle()
+def _idle(_shared_renderer):
+    return _Idle(_shared_renderer)
 
 
 @pytest.fixture
@@ -93,11 +100,11 @@ def renderer(_shared_renderer, _idle):
     no living scene owns, or a closed renderer. Tests of closing, programs and memory take
     `fresh_renderer`.
     """
-    before = _objects_beyond_scenes_and_programs(_shared_renderer, _idle)
+    before = _idle.unowned_objects()
     yield _shared_renderer
     assert _shared_renderer._core is not None, "the test closed the renderer of the session"
     assert not _complaints(_shared_renderer)
-    after = _objects_beyond_scenes_and_programs(_shared_renderer, _idle)
+    after = _idle.unowned_objects()
     assert after <= before, f"{after - before} OpenGL objects leaked"
 
 
