@@ -1,5 +1,5 @@
 # make demo, make test: each does all the set-up that is missing, then its job.
-.PHONY: help demo test slow wheels bench lint format setup setup-dev clean
+.PHONY: help demo test slow sanitize wheels bench lint format setup setup-dev clean
 
 PYTHON_VENV := .venv/bin/python
 PYTEST_ARGS ?=
@@ -11,6 +11,7 @@ help:
 	@echo 'make demo    pictures and numbers of real terrain, in ./demo'
 	@echo 'make test    the test suite; PYTEST_ARGS="-k splits" for a part of it'
 	@echo 'make slow    the long tests as well'
+	@echo 'make sanitize  the tests with address and undefined-behaviour sanitizers'
 	@echo 'make wheels  sdist, wheel from it, fast tests on Python 3.11, 3.12, 3.13'
 	@echo 'make bench   time per pass and the whole job, beside hand-written moderngl'
 	@echo 'make lint    ruff, clang-format, clang-tidy;  make format  applies the formats'
@@ -29,6 +30,9 @@ test: setup
 
 slow: setup
 	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -m 'slow or not slow' $(PYTEST_ARGS)
+
+sanitize: setup
+	@scripts/sanitize.sh $(PYTEST_ARGS)
 
 wheels: setup-dev
 	@$(DISPLAYED) $(PYTHON_VENV) scripts/wheels.py
