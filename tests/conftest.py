@@ -1,6 +1,5 @@
 """Fixtures of every test: renderers that must stay clean, evidence of what failed, scene files."""
 
-import gc
 import json
 import re
 
@@ -49,6 +48,7 @@ class _Idle:
         alone = renderer.info["live_objects"]
         self.draw(twin)
         self.objects_per_scene = renderer.info["live_objects"] - alone
+        self.expected = self.unowned_objects()
 
     @staticmethod
     def make_scene():
@@ -67,7 +67,6 @@ class _Idle:
 
     def unowned_objects(self):
         """OpenGL objects that neither a living scene nor a program accounts for."""
-        gc.collect()
         self.draw(self.scene)
         info = self.renderer.info
         scenes = self.objects_per_scene * len(self.renderer._scenes)
@@ -100,12 +99,12 @@ def renderer(_shared_renderer, _idle):
     no living scene owns, or a closed renderer. Tests of closing, programs and memory take
     `fresh_renderer`.
     """
-    before = _idle.unowned_objects()
     yield _shared_renderer
     assert _shared_renderer._core is not None, "the test closed the renderer of the session"
     assert not _complaints(_shared_renderer)
-    after = _idle.unowned_objects()
-    assert after <= before, f"{after - before} OpenGL objects leaked"
+    left = _idle.unowned_objects() - _idle.expected
+    _idle.expected += left  # each test answers for its own
+    assert left <= 0, f"{left} OpenGL objects leaked"
 
 
 @pytest.fixture
