@@ -197,7 +197,8 @@ def read_elevation(path):
 
 def _read_npz(path):
     try:
-        with np.load(path, allow_pickle=False) as archive:
+        # opened here: of a damaged archive numpy leaves its own file open
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
             keys = set(archive.files)
             wanted = [key for key in ("elevation", *_METRE_KEYS, *_DEGREE_KEYS) if key in keys]
             data = {key: archive[key] for key in wanted}

@@ -146,6 +146,7 @@ typedef struct csm_bias {
     double slope_texels;         /* times (|gx| + |gy|) * texel side [m] */
     double normal_offset_texels; /* times texel side * sin(theta) [m] */
     double quanta;               /* times the depth quantum of the format over the range [m] */
+    double roundings;            /* times the float32 rounding of the receiver's position [m] */
 } csm_bias;
 csm_bias csm_settings_bias(const csm_settings *settings);
 

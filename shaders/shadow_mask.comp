@@ -3,7 +3,7 @@
 #include "include/geometry.glsl"
 #include "include/visibility.glsl"
 
-layout(local_size_x = 32, local_size_y = 8) in;
+layout(local_size_x = 16, local_size_y = 8) in;
 
 layout(binding = 0) uniform usampler2D view_ids;
 
@@ -38,7 +38,7 @@ const uint nothing = 0xffffffffu;
 const float facing_limit = 1e-5; // an edge-on wall is not decided by rounding
 
 // Neighbours in a row that one invocation answers for, so that uniforms are read once for all of them.
-const int run_length = 4;
+const int run_length = 8;
 
 // The visible surface at a pixel; seen is false where there is none.
 receiver receiver_at(ivec2 pixel, out bool seen)
@@ -106,4 +106,8 @@ void main()
     answer(first + ivec2(1, 0));
     answer(first + ivec2(2, 0));
     answer(first + ivec2(3, 0));
+    answer(first + ivec2(4, 0));
+    answer(first + ivec2(5, 0));
+    answer(first + ivec2(6, 0));
+    answer(first + ivec2(7, 0));
 }

@@ -162,7 +162,8 @@ csm_bias csm_settings_bias(const csm_settings *settings)
     }
     /* SPEC 1.13: at the fetched texel's centre the receiver's plane is exact but for half a quantum and
      * float32 rounding (4 ulp of the range); a quarter texel of slope covers meshes, whose facet at the
-     * texel's centre may be another. The hardware's 2x2 compare has one reference depth for four texels,
+     * texel's centre may be another. Far from the eye or the origin the receiver's own float32 position is
+     * coarser than a quantum. The hardware's 2x2 compare has one reference depth for four texels,
      * up to a whole texel away along each axis. */
     bool two_by_two =
         effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
@@ -171,5 +172,6 @@ csm_bias csm_settings_bias(const csm_settings *settings)
         .receiver_plane = !two_by_two,
         .slope_texels = two_by_two ? 1.25 : 0.25,
         .quanta = 0.5 + 4.0 * ldexp(1.0, -24) / quantum,
+        .roundings = 1.0,
     };
 }

@@ -13,7 +13,7 @@
 
 /* Small enough that a chunk is compact against a cascade, large enough that a million triangles make
  * some thousand boxes: culling all of them stays below a tenth of a millisecond per cascade. */
-#define CHUNK_TRIANGLES 384u
+#define CHUNK_TRIANGLES 192u
 #define MORTON_BITS 10
 
 typedef struct sort_key {

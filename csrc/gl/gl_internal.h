@@ -140,12 +140,12 @@ typedef struct csm_frame_uniforms {
     float clip_from_eye[4][4];     /* columns; reversed depth, for the view pass alone */
     float view[4];                 /* half width, half height, near, far */
     int32_t image[4];              /* width, height, first row of the band, number of points */
-    float bias[4];                 /* constant, slope, normal offset [texels], depth offset [0, 1] */
-    float window[CSM_MAX_CASCADES][4];  /* texels per metre in x, y; phase in x, y [texels] */
-    int32_t lattice[CSM_MAX_CASCADES][4]; /* whole texels to the window's corner x, y; size; padding */
-    float depth[CSM_MAX_CASCADES][4];   /* scale, offset of uvz z; texel side x, y [m] */
-    float split[CSM_MAX_CASCADES][4];   /* far view depth [m] */
-    float clip[CSM_MAX_CASCADES][4];    /* light x, y to clip x, y: scale, offset */
+    float bias[4];                 /* slope, normal offset [texels]; border of the kernel [texels]; roundings */
+    float window[CSM_MAX_CASCADES][4]; /* texels per metre in x, y; phase in x, y [texels] */
+    float centre[CSM_MAX_CASCADES][4]; /* of the window in lattice texels; texels of its half side, side */
+    float depth[CSM_MAX_CASCADES][4];  /* scale, offset of z; constant bias [depth]; larger texel [m] */
+    float slope[CSM_MAX_CASCADES][4];  /* depth per texel at a gradient of 1 in x, y; far view depth */
+    float clip[CSM_MAX_CASCADES][4];   /* light x, y to clip x, y: scale, offset */
 } csm_frame_uniforms;
 
 _Static_assert(sizeof(csm_frame_uniforms) == 16 * (3 + 2 + 3 + 1 + 4 + 3) + 5 * 16 * CSM_MAX_CASCADES,

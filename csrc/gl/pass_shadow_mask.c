@@ -8,7 +8,7 @@
 
 #include <string.h>
 
-#define GROUP_WIDTH 128 /* 32 invocations of 4 pixels: shadow_mask.comp */
+#define GROUP_WIDTH 128 /* 16 invocations of 8 pixels: shadow_mask.comp */
 #define GROUP_HEIGHT 8
 #define POINT_GROUP 256
 #define MAX_GROUPS 65535

@@ -41,44 +41,47 @@ static void write_view(const csm_camera *camera, csm_frame_uniforms *uniforms)
               4, uniforms->view);
 }
 
-/* Texel coordinates are phase + light x / texel - lattice. The phase is what the origin adds beyond whole
- * texels, which go to the integers: so it stays the same while only the window moves. */
-static void write_cascade(const csm_frame *frame, int i, csm_frame_uniforms *uniforms)
+/* Lattice texels are phase + light x / texel, counted from the lattice point below the scene's origin: the
+ * phase is what the origin adds beyond whole texels, so that a point keeps its lattice texels to the bit
+ * while only the window moves, and the window's whole texels are exact in a float. */
+static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
+                          csm_frame_uniforms *uniforms)
 {
     const csm_cascades *cascades = frame->desc->cascades;
     const double *origin = frame->desc->scene->origin;
-    bool snapped = frame->settings.effects[CSM_EFFECT_SNAP] == CSM_SNAP_EXACT;
     const double *light = cascades->light_from_world[i];
     const double *clip = cascades->clip_from_light[i];
+    const double *texel = cascades->texel_size[i];
+    bool snapped = frame->settings.effects[CSM_EFFECT_SNAP] == CSM_SNAP_EXACT;
     double span = cascades->depth_range[i][1] - cascades->depth_range[i][0];
+    double half_side = 0.5 * cascades->map_size[i];
+    double largest = texel[0] > texel[1] ? texel[0] : texel[1];
+    double quantum = csm_depth_quantum(frame->settings.effects[CSM_EFFECT_DEPTH_FORMAT]);
     double origin_ls[3];
     for (int row = 0; row < 3; row++) {
         origin_ls[row] = light[row] * origin[0] + light[4 + row] * origin[1] + light[8 + row] * origin[2];
     }
     for (int axis = 0; axis < 2; axis++) {
-        double texel = cascades->texel_size[i][axis];
-        double texels = origin_ls[axis] / texel;
+        double texels = origin_ls[axis] / texel[axis];
+        double corner = (-1.0 - clip[12 + axis]) / clip[5 * axis] / texel[axis]; /* clip is -1 */
         double whole = floor(texels);
-        uniforms->window[i][axis] = (float)(1.0 / texel);
-        if (snapped) {
-            uniforms->window[i][2 + axis] = (float)(texels - whole);
-            uniforms->lattice[i][axis] = (int32_t)(cascades->lattice[i][axis] - (int64_t)whole);
-        } else {
-            double corner = (-1.0 - clip[12 + axis]) / clip[5 * axis]; /* where clip is -1 */
-            uniforms->window[i][2 + axis] = (float)((origin_ls[axis] - corner) / texel);
-            uniforms->lattice[i][axis] = 0;
-        }
-        /* casters need no integers: their rounding is that of the rasteriser's own sub-texel grid */
-        double clip_scale = clip[5 * axis];
-        uniforms->clip[i][axis] = (float)clip_scale;
-        uniforms->clip[i][2 + axis] = (float)(clip_scale * origin_ls[axis] + clip[12 + axis]);
-        uniforms->depth[i][2 + axis] = (float)texel;
+        double lower = snapped ? (double)cascades->lattice[i][axis] : corner;
+        uniforms->window[i][axis] = (float)(1.0 / texel[axis]);
+        /* a free window's phase takes its corner along, so that its whole texels start there */
+        uniforms->window[i][2 + axis] = (float)(snapped ? texels - whole : texels - lower);
+        uniforms->centre[i][axis] = (float)((snapped ? lower - whole : 0.0) + half_side);
+        uniforms->slope[i][axis] = (float)(texel[axis] / span);
+        uniforms->clip[i][axis] = (float)clip[5 * axis];
+        uniforms->clip[i][2 + axis] = (float)(clip[5 * axis] * origin_ls[axis] + clip[12 + axis]);
     }
-    uniforms->lattice[i][2] = cascades->map_size[i];
-    uniforms->lattice[i][3] = csm_settings_kernel_radius(&frame->settings);
+    uniforms->centre[i][2] = (float)half_side;
+    uniforms->centre[i][3] = (float)cascades->map_size[i];
     uniforms->depth[i][0] = (float)(-1.0 / span);
     uniforms->depth[i][1] = (float)((-origin_ls[2] - cascades->depth_range[i][0]) / span);
-    uniforms->split[i][0] = (float)cascades->splits[i + 1];
+    uniforms->depth[i][2] =
+        (float)(bias->constant_texels * largest / span + bias->quanta * quantum);
+    uniforms->depth[i][3] = (float)largest;
+    uniforms->slope[i][2] = (float)cascades->splits[i + 1];
 }
 
 void csm_frame_write_uniforms(csm_frame *frame)
@@ -98,9 +101,8 @@ void csm_frame_write_uniforms(csm_frame *frame)
         return;
     }
     csm_bias bias = csm_settings_bias(&frame->settings);
-    double quantum = csm_depth_quantum(frame->settings.effects[CSM_EFFECT_DEPTH_FORMAT]);
-    to_floats((const double[4]){bias.constant_texels, bias.slope_texels, bias.normal_offset_texels,
-                                bias.quanta * quantum},
+    to_floats((const double[4]){bias.slope_texels, bias.normal_offset_texels,
+                                csm_settings_kernel_radius(&frame->settings), bias.roundings},
               4, uniforms->bias);
     for (int row = 0; row < 3; row++) {
         for (int column = 0; column < 3; column++) {
@@ -109,6 +111,6 @@ void csm_frame_write_uniforms(csm_frame *frame)
         }
     }
     for (int i = 0; i < cascades->count; i++) {
-        write_cascade(frame, i, uniforms);
+        write_cascade(frame, i, &bias, uniforms);
     }
 }

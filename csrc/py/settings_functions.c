@@ -244,7 +244,7 @@ static PyObject *effect_table(PyObject *module, PyObject *unused)
 
 PyDoc_STRVAR(bias_terms_doc, "bias_terms(settings)\n--\n\n"
                              "Effective bias (receiver_plane, constant_texels, slope_texels, "
-                             "normal_offset_texels, depth share).");
+                             "normal_offset_texels, depth share, roundings).");
 
 static PyObject *bias_terms(PyObject *module, PyObject *object)
 {
@@ -255,8 +255,9 @@ static PyObject *bias_terms(PyObject *module, PyObject *object)
     csm_settings_canonical(&settings);
     csm_bias bias = csm_settings_bias(&settings);
     double quantum = csm_depth_quantum(settings.effects[CSM_EFFECT_DEPTH_FORMAT]);
-    return Py_BuildValue("Ndddd", PyBool_FromLong(bias.receiver_plane), bias.constant_texels,
-                         bias.slope_texels, bias.normal_offset_texels, bias.quanta * quantum);
+    return Py_BuildValue("Nddddd", PyBool_FromLong(bias.receiver_plane), bias.constant_texels,
+                         bias.slope_texels, bias.normal_offset_texels, bias.quanta * quantum,
+                         bias.roundings);
 }
 
 static PyObject *plan_lists(const csm_plan *plan)

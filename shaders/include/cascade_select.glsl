@@ -1,50 +1,76 @@
 // cascade_select.glsl: which cascade answers for a receiver.
 
-// The receiver in a cascade's window; false if the kernel would leave the map or the depth range.
-bool place_in_map(receiver point, vec2 gradient, int cascade, out map_receiver at)
+// A receiver in the window of one cascade, not yet biased.
+struct candidate
+{
+    int cascade;
+    vec2 texels;   // light x, y on the cascade's lattice
+    float z;
+    vec4 centre;
+    vec2 slope;
+    float constant_bias;
+    float scale;   // depth per metre
+};
+
+// False if the kernel would leave the map or the depth range.
+bool place_in_map(receiver point, int cascade, out candidate here)
 {
     vec3 position_ls = light_position(offset_position(point, cascade));
-    vec2 texels = lattice_texels(position_ls.xy, cascade);
-    vec2 whole = floor(texels);
-    float depth = map_depth(position_ls.z, cascade);
-    int border = frame.lattice[cascade].w;
-    at.cascade = cascade;
-    at.size = frame.lattice[cascade].z;
-    at.texel = ivec2(whole) - frame.lattice[cascade].xy;
-    at.fraction = texels - whole;
-    at.z = depth - depth_bias(point, gradient, cascade);
-    at.slope = depth_slope(point, gradient, cascade);
-    bool inside = all(greaterThanEqual(at.texel, ivec2(border))) &&
-                  all(lessThan(at.texel, ivec2(at.size - border)));
+    here.cascade = cascade;
+    here.texels = lattice_texels(position_ls.xy, cascade);
+    here.z = map_depth(position_ls.z, cascade);
+    here.centre = frame.centre[cascade];
+    here.slope = frame.slope[cascade].xy;
+    here.constant_bias = frame.depth[cascade].z;
+    here.scale = -frame.depth[cascade].x;
+    vec2 away = abs(here.texels - here.centre.xy);
+    bool inside = max(away.x, away.y) < here.centre.z - frame.bias.z;
 #if CSM_PANCAKE
-    return inside && depth <= 1.0; // casters before the range are flattened onto its near plane
+    return inside && here.z <= 1.0; // casters before the range are flattened onto its near plane
 #else
-    return inside && depth >= 0.0 && depth <= 1.0;
+    return inside && abs(here.z - 0.5) <= 0.5;
 #endif
 }
 
-// The receiver in the map that answers; its cascade is no_cascade beyond the shadow range. Every cascade is
-// tried with a constant index and the first that fits is kept.
-map_receiver select_cascade(receiver point)
+// Every cascade is tried with a constant index and the first that fits is kept.
+candidate choose_cascade(receiver point)
 {
-    map_receiver chosen, here;
-    vec2 gradient = depth_gradient(point.normal);
-    bool fits = place_in_map(point, gradient, CSM_CASCADE_COUNT - 1, chosen);
+    candidate chosen, here;
+    bool fits = place_in_map(point, CSM_CASCADE_COUNT - 1, chosen);
 #if CSM_SELECT == CSM_SELECT_MAP
     chosen.cascade = fits ? chosen.cascade : no_cascade;
 #endif
     for (int cascade = CSM_CASCADE_COUNT - 2; cascade >= 0; cascade--) {
-        fits = place_in_map(point, gradient, cascade, here);
+        fits = place_in_map(point, cascade, here);
 #if CSM_SELECT == CSM_SELECT_INTERVAL
-        fits = point.view_depth <= frame.split[cascade].x;
+        fits = point.view_depth <= frame.slope[cascade].z;
 #endif
         if (fits) {
             chosen = here;
         }
     }
     // float32 view depths and double splits meet here: a receiver at the very end is inside
-    if (point.view_depth > frame.split[CSM_CASCADE_COUNT - 1].x * (1.0 + 1e-6)) {
+    if (point.view_depth > frame.slope[CSM_CASCADE_COUNT - 1].z * (1.0 + 1e-6)) {
         chosen.cascade = no_cascade;
     }
     return chosen;
+}
+
+map_receiver select_cascade(receiver point)
+{
+    candidate chosen = choose_cascade(point);
+    vec2 texel_slope = depth_gradient(point) * chosen.slope;
+    vec2 whole = floor(chosen.texels);
+    map_receiver at;
+    at.cascade = chosen.cascade;
+    at.size = int(chosen.centre.w);
+    at.texel = ivec2(whole - (chosen.centre.xy - chosen.centre.z));
+    at.fraction = chosen.texels - whole;
+    at.z = chosen.z - depth_bias(point, texel_slope, chosen.constant_bias, chosen.scale);
+#if CSM_RECEIVER_PLANE
+    at.slope = plane_known(point) ? texel_slope : vec2(0.0);
+#else
+    at.slope = vec2(0.0);
+#endif
+    return at;
 }

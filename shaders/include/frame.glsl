@@ -15,11 +15,11 @@ struct frame_values
     mat4 clip_from_eye;             // reversed depth, for the view pass alone
     vec4 view;                      // half width, half height, near, far
     ivec4 image;                    // width, height, first row of the band (or first point), points
-    vec4 bias;                      // constant, slope, normal offset [texels], depth offset [0, 1]
+    vec4 bias;                      // slope, normal offset [texels]; border of the kernel [texels]; roundings
     vec4 window[8];                 // texels per metre in x, y; phase in x, y [texels]
-    ivec4 lattice[8];               // whole texels to the window's corner x, y; size; padding
-    vec4 depth[8];                  // scale, offset of z; texel side in x, y [m]
-    vec4 split[8];                  // far view depth [m]
+    vec4 centre[8];                 // of the window in lattice texels x, y; texels of its half side, of its side
+    vec4 depth[8];                  // scale, offset of z; constant bias [depth]; larger texel side [m]
+    vec4 slope[8];                  // depth per texel at a gradient of 1 in x, y; far view depth [m]
     vec4 clip[8];                   // light x, y to clip x, y: scale, offset
 };
 

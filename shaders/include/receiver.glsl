@@ -9,11 +9,11 @@ struct receiver
 
 const int no_cascade = 255;
 
-// A receiver in the window of one cascade. Filters read this and no per-cascade uniform: an index that is only
-// known at run time costs a gather for every number on software GL.
+// A receiver in the window of the cascade that answers for it. Filters read this and no per-cascade uniform: an
+// index that is only known at run time costs a gather for every number on software GL.
 struct map_receiver
 {
-    int cascade;
+    int cascade;    // no_cascade beyond the shadow range
     int size;       // texels along a side of the map
     ivec2 texel;    // that holds the point
     vec2 fraction;  // where in the texel, 0 to 1

@@ -2,52 +2,49 @@
 // acne is the slope times the distance between the compared point and the texel's centre, plus half a
 // depth quantum].
 
-// A plane steeper than this against the light moves by whole scenes per texel; its points are edge-on.
-const float max_slope_tangent = 1e5;
+// A plane steeper than this against the light (0.06 degrees from edge-on) moves by hundreds of texels of depth per
+// texel: its rounding alone would reach past whole rooms.
+const float max_slope_tangent = 1e3;
+
+// A receiver is the eye plus a float32 view depth along a ray, and float32 coordinates relative to the origin.
+const float rounding_of_depth = 1.0 / 4194304.0;    // 2^-22
+const float rounding_of_position = 1.0 / 8388608.0; // 2^-23
+
+bool plane_known(receiver point)
+{
+    return point.normal != vec3(0.0);
+}
 
 // Gradient of light-view depth over light x, y [m/m] on the receiver's plane.
-vec2 depth_gradient(vec3 normal)
+vec2 depth_gradient(receiver point)
 {
-    if (normal == vec3(0.0)) {
-        return vec2(sqrt(0.5)); // unknown plane: as if at 45 degrees to the light, diagonal to the map
-    }
-    vec3 normal_ls = light_position(normal);
+    // an unknown plane is taken as tilted 45 degrees to the light, diagonal to the map
+    vec3 normal_ls = plane_known(point) ? light_position(point.normal) : vec3(sqrt(0.5), sqrt(0.5), 1.0);
     return normal_ls.xy / max(normal_ls.z, 1.0 / max_slope_tangent);
 }
 
 vec3 offset_position(receiver point, int cascade)
 {
 #if CSM_NORMAL_OFFSET
-    float texel = max(frame.depth[cascade].z, frame.depth[cascade].w);
     float sine = length(cross(point.normal, frame.to_light.xyz));
-    return point.position + point.normal * (frame.bias.z * texel * sine);
+    return point.position + point.normal * (frame.bias.y * frame.depth[cascade].w * sine);
 #else
     return point.position;
 #endif
 }
 
-// Depth to subtract, in the map's [0, 1].
-float depth_bias(receiver point, vec2 gradient, int cascade)
+// Depth to subtract: texel_slope is the plane's change of depth over one texel in x and y, scale the map's depth
+// per metre.
+float depth_bias(receiver point, vec2 texel_slope, float constant, float scale)
 {
-    vec2 texel = frame.depth[cascade].zw;
-    float slope = dot(abs(gradient), texel);
-    float metres = frame.bias.x * max(texel.x, texel.y) + frame.bias.y * slope;
+    float texels = frame.bias.x;
+    vec3 reach = abs(point.position);
+    float rounding = point.view_depth * rounding_of_depth +
+                     max(reach.x, max(reach.y, reach.z)) * rounding_of_position;
 #if CSM_RECEIVER_PLANE
-    if (point.normal == vec3(0.0)) {
-        // without a plane to follow, every tap may lie the kernel's radius and half a texel away
-        metres += (float(frame.lattice[cascade].w) + 0.5) * slope;
-    }
+    // without a plane to follow, every tap may lie the kernel's radius and half a texel away
+    texels += plane_known(point) ? 0.0 : frame.bias.z + 0.5;
 #endif
-    return frame.bias.w - metres * frame.depth[cascade].x; // the scale of z is negative
-}
-
-// Change of map depth per texel along u and v on the receiver's plane.
-vec2 depth_slope(receiver point, vec2 gradient, int cascade)
-{
-#if CSM_RECEIVER_PLANE
-    vec2 slope = -gradient * frame.depth[cascade].zw * frame.depth[cascade].x;
-    return point.normal == vec3(0.0) ? vec2(0.0) : slope;
-#else
-    return vec2(0.0);
-#endif
+    return constant + texels * (abs(texel_slope.x) + abs(texel_slope.y)) +
+           frame.bias.w * rounding * scale;
 }

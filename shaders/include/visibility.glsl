@@ -26,7 +26,7 @@ float receiver_visibility(receiver point, out int cascade)
 
 int receiver_cascade(receiver point)
 {
-    return select_cascade(point).cascade;
+    return choose_cascade(point).cascade;
 }
 
 #else
