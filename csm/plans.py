@@ -44,7 +44,7 @@ class Plan:
     programs : tuple of (pass name, key)
         Equal keys are one compiled program.
     bytes : int
-        Of all textures.
+        Of all textures, and of the buffers that images come back in.
     """
 
     passes: tuple[Pass, ...]
@@ -61,6 +61,9 @@ class Plan:
             size = f"{texture.width} x {texture.height} x {texture.layers}"
             what = f"{texture.name} {texture.format} {size}"
             lines.append(f"  texture  {what}: {texture.bytes:,} bytes")
+        buffers = self.bytes - sum(texture.bytes for texture in self.textures)
+        if buffers:
+            lines.append(f"  buffers  {buffers:,} bytes")
         return "\n".join(lines)
 
 
@@ -126,11 +129,12 @@ def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS):
     --------
     >>> import csm
     >>> print(csm.plan(csm.ShadowSettings(filter="none"), outputs=("mask",)))
-    2 passes, 2 programs, 24,883,200 bytes
+    2 passes, 2 programs, 33,177,600 bytes
       pass     view
       pass     shadow_mask
       texture  view_ids rg32ui 1920 x 1080 x 1: 16,588,800 bytes
       texture  view_depth d32f 1920 x 1080 x 1: 8,294,400 bytes
+      buffers  8,294,400 bytes
     """
     check_kinds(settings=settings)
     bits, _ = output_bits(outputs)

@@ -542,7 +542,7 @@ typedef struct csm_render_out {
     int items_drawn[CSM_MAX_CASCADES];
     int64_t triangles_drawn[CSM_MAX_CASCADES];
     int view_items_drawn;
-    uint64_t bytes; /* of textures and buffers that this frame used, scene excluded */
+    uint64_t bytes; /* of the plan, and of the buffers of points; scene excluded */
     uint64_t scene_bytes;
     int programs_compiled; /* by this frame */
 } csm_render_out;

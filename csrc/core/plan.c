@@ -129,6 +129,16 @@ static void add_texture(csm_plan *plan, const char *name, const char *format, in
     plan->bytes += texture->bytes;
 }
 
+/* What the mask pass writes and the host reads, per pixel. */
+static uint64_t output_bytes(unsigned outputs)
+{
+    uint64_t bytes = outputs & CSM_OUT_MASK ? 4 : 0;
+    bytes += outputs & (CSM_OUT_VALID | CSM_OUT_CASCADE_INDEX) ? 4 : 0; /* packed in one word */
+    bytes += outputs & CSM_OUT_VIEW_DEPTH ? 4 : 0;
+    bytes += outputs & CSM_OUT_NORMAL ? 12 : 0;
+    return bytes;
+}
+
 csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
                          csm_plan *out, csm_error *err)
 {
@@ -164,6 +174,7 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
         add_step(out, CSM_STEP_VIEW, -1, &canonical);
         add_texture(out, "view_ids", "rg32ui", width, height, 1, 8);
         add_texture(out, "view_depth", "d32f", width, height, 1, 4);
+        out->bytes += (uint64_t)width * (uint64_t)height * output_bytes(outputs);
     }
     if (maps) {
         for (int i = 0; i < count; i++) {

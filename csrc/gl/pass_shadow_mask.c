@@ -76,7 +76,6 @@ static csm_status bind_outputs(csm_frame *frame, csm_error *err)
         renderer->gl.BindBufferRange(GL_SHADER_STORAGE_BUFFER,
                                      (GLuint)(BLOCK_OUTPUT + wanted[i].kind),
                                      renderer->buffers[wanted[i].kind].name, 0, (GLsizeiptr)bytes);
-        frame->out->bytes += bytes;
     }
     return CSM_OK;
 }
@@ -137,6 +136,8 @@ static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *e
     float *mapped = gl->MapNamedBufferRange(renderer->points_in, 0, bytes,
                                             GL_MAP_WRITE_BIT | GL_MAP_INVALIDATE_BUFFER_BIT);
     if (!mapped) {
+        csm_buffer_drop(renderer, &renderer->points_in);
+        renderer->points_in_size = 0;
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu points", desc->point_count);
     }
     for (size_t i = 0; i < 3 * desc->point_count; i++) {
