@@ -27,8 +27,7 @@ static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err)
     }
     bool cull = settings->effects[CSM_EFFECT_CULL] == CSM_CULL_INCLUSIVE;
     if (cull) {
-        /* whole maps are handed out as they are, and points may lie outside the picture: then
-         * casters that the picture alone would not miss are missed */
+        /* points may lie outside the picture, where casters matter that the picture does not miss */
         bool whole = desc->outputs & CSM_OUT_POINTS;
         csm_cull_volume_make(desc->cascades, cascade, &desc->camera,
                              settings->effects[CSM_EFFECT_SELECT], cull_margin_texels(settings),

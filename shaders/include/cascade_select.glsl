@@ -25,11 +25,7 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.scale = -frame.depth[cascade].x;
     vec2 away = abs(here.texels - here.centre.xy);
     bool inside = max(away.x, away.y) < here.centre.z - frame.bias.z;
-#if CSM_PANCAKE
-    return inside && here.z <= 1.0; // casters before the range are flattened onto its near plane
-#else
     return inside && abs(here.z - 0.5) <= 0.5;
-#endif
 }
 
 // Every cascade is tried with a constant index and the first that fits is kept.
