@@ -1,0 +1,240 @@
+"""The effect table: what compiles what, off means absent, and the page written from it."""
+
+import itertools
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import csm
+from csm import _core
+from csm.plans import OUTPUTS, output_bits
+
+ROOT = Path(__file__).resolve().parents[1]
+TABLE = _core.effect_table()
+NAMED = {row["name"]: row for row in TABLE if row["name"]}
+PASS_BITS = {"shadow_map": 1, "view": 2, "shadow_mask": 4}
+ALL_OUTPUTS = output_bits(OUTPUTS)[0]
+
+# What must be set besides, so that a setting has a meaning.
+NEEDS = {
+    "filter_size": {"filter": "pcf"},
+    "receiver_plane": {"bias": "manual"},
+    "normal_offset_texels": {"bias": "manual"},
+}
+SMALL = csm.ShadowSettings(map_size=128)
+
+
+def values_of(row):
+    """Every value of an effect; of kernel sizes the first of each kind and the last."""
+    if row["type"] == "enum":
+        return row["choices"].split()
+    if row["type"] == "bool":
+        return [False, True]
+    if row["name"] == "filter_size":
+        return [1, 2, 3, 5, row["max"]]
+    return list(range(row["min"], row["max"] + 1))
+
+
+def settings_with(name, value):
+    """Small settings in which one value has its meaning."""
+    count = SMALL.cascade_count
+    splits = {"manual_splits": (2.0, 5.0, 9.0)[: count - 1]} if value == "manual" else {}
+    return SMALL.replace(**NEEDS.get(name, {}), **splits, **{name: value})
+
+
+SINGLES = [
+    pytest.param(settings_with(name, value), id=f"{name}={value}")
+    for name, row in NAMED.items()
+    for value in values_of(row)
+] + [pytest.param(settings_with("normal_offset_texels", 1.5), id="normal_offset_texels=1.5")]
+
+
+def keys(settings, outputs=ALL_OUTPUTS):
+    """Program key of each pass that runs."""
+    steps, _, _, _ = _core.plan(settings, 8, 8, outputs)
+    return {name: key for name, _, key in steps}
+
+
+# -- the table -------------------------------------------------------------------------------------
+
+
+def test_rows_are_consistent():
+    assert len({row["id"] for row in TABLE}) == len(TABLE)
+    names = [row["name"] for row in TABLE if row["name"]]
+    assert len(set(names)) == len(names)
+    for row in TABLE:
+        assert row["help"], row["id"]
+        assert not row["passes"] & ~0xF, row["id"]
+        if row["name"]:
+            assert row["id"] == row["name"].upper()
+        if row["type"] == "enum":
+            assert (row["min"], row["max"] + 1) == (0, len(row["choices"].split()))
+            assert row["default"] in row["choices"].split()
+        else:
+            assert row["min"] <= row["default"] <= row["max"]
+
+
+def test_page_is_what_the_table_says():
+    write = runpy.run_path(str(ROOT / "scripts/effects_page.py"))
+    written = (ROOT / "docs/effects.md").read_text(encoding="utf-8")
+    assert written == write["page"](), "run: python -m scripts.effects_page"
+
+
+# -- masks and keys --------------------------------------------------------------------------------
+
+
+def different(first, second):
+    return {name for name in first.keys() & second.keys() if first[name] != second[name]}
+
+
+@pytest.mark.parametrize("name", NAMED)
+def test_effect_recompiles_only_the_passes_that_see_it(name):
+    row = NAMED[name]
+    seeing = {pass_ for pass_, bit in PASS_BITS.items() if row["passes"] & bit}
+    changed = set()
+    base = keys(settings_with(name, row["default"]))
+    for value in values_of(row):
+        changed |= different(base, keys(settings_with(name, value)))
+    # bias is resolved on the CPU into receiver_plane, which the mask sees
+    resolved = {"shadow_mask"} if name == "bias" else set()
+    assert changed == seeing | resolved
+
+
+@pytest.mark.parametrize(
+    ("name", "values"),
+    [
+        ("constant_bias_texels", (-1.0, 0.0, 2.5)),
+        ("slope_bias", (0.0, 0.25, 3.0)),
+        ("normal_offset_texels", (0.5, 1.0, 2.0)),
+        ("lam", (0.0, 0.5, 1.0)),
+        ("map_size", (64, 65, 4096)),
+        ("manual_splits", ((1.0, 2.0, 3.0), (4.0, 5.0, 6.0))),
+    ],
+)
+def test_numbers_recompile_nothing(name, values):
+    base = csm.ShadowSettings(
+        bias="manual", split="manual" if name == "manual_splits" else "practical",
+        manual_splits=(7.0, 8.0, 9.0), normal_offset_texels=0.125,
+    )  # fmt: skip
+    assert len({tuple(keys(base.replace(**{name: value})).items()) for value in values}) == 1
+
+
+def test_no_filter_recompiles_a_map():
+    every = [settings_with("filter", value) for value in values_of(NAMED["filter"])]
+    every += [settings_with("filter_size", value) for value in values_of(NAMED["filter_size"])]
+    maps = {keys(settings).get("shadow_map") for settings in every}
+    assert len(maps - {None}) == 1
+
+
+def test_keys_of_all_singles_differ_as_their_defines_do():
+    by_defines = {}
+    for parameters in SINGLES:
+        settings = parameters.values[0]
+        for name, key in keys(settings).items():
+            defines = _core.program_defines(name, settings, ALL_OUTPUTS)
+            assert by_defines.setdefault((name, defines), key) == key
+    assert len(set(by_defines.values())) == len(by_defines)
+
+
+def test_all_names_are_always_defined_once_and_0_where_not_seen():
+    every = {row["id"] for row in TABLE}
+    for name in ("view", "shadow_map", "shadow_mask", "shadow_points"):
+        text = _core.program_defines(name, csm.ShadowSettings(filter="pcf"), ALL_OUTPUTS)
+        defined = dict(re.findall(r"^#define CSM_(\w+) (-?\d+)$", text, flags=re.MULTILINE))
+        assert len(defined) == text.count("#define")
+        assert defined.keys() >= every
+        bit = PASS_BITS["shadow_mask" if name == "shadow_points" else name]
+        for row in TABLE:
+            if not row["passes"] & bit:
+                assert defined[row["id"]] == "0", f"{name} must not see {row['id']}"
+            for value, choice in enumerate(row["choices"].split()):
+                assert defined[f"{row['id']}_{choice.upper()}"] == str(value)
+
+
+# -- pictures --------------------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def view():
+    scene = csm.scenes.plane_and_box()
+    camera = csm.Camera.look_at((-6, 4.5, 8), (-0.5, 0.6, 0), fov_y_deg=45, far=100, size=(48, 27))
+    return scene, camera, scene.suns["morning"]
+
+
+def check_frame(frame):
+    """A mask of this view has lit ground, a dark side of the box, and nothing that is no number."""
+    assert np.isfinite(frame.mask).all()
+    assert frame.mask.min() == 0.0
+    assert frame.mask.max() == 1.0
+    shares = [((frame.mask == level) & frame.valid).mean() for level in (0.0, 1.0)]
+    assert min(shares) > 0.01
+
+
+@pytest.mark.parametrize("settings", SINGLES)
+def test_each_value_alone_compiles_and_renders(renderer, view, settings):
+    check_frame(renderer.render(*view, settings, outputs=("mask", "valid")))
+
+
+COMPILED = {
+    "cascade_count": (1, 8),
+    "select": ("map", "interval"),
+    "pancake": (False, True),
+    "depth_format": ("d32f", "d16"),
+    "filter": ("hard", "none", "pcf"),
+    "filter_size": (1, 2, 3, 33),
+    "receiver_plane": (False, True),
+    "normal_offset_texels": (0.0, 1.0),
+}
+
+
+@pytest.mark.sweep
+@pytest.mark.parametrize(("first", "second"), [*itertools.combinations(COMPILED, 2)])
+def test_each_pair_of_values_compiles_and_renders(renderer, view, first, second):
+    for values in itertools.product(COMPILED[first], COMPILED[second]):
+        changes = dict(zip((first, second), values, strict=True))
+        needs = {**NEEDS.get(first, {}), **NEEDS.get(second, {}), **changes}
+        settings = SMALL.replace(**needs)
+        check_frame(renderer.render(*view, settings, outputs=("mask", "valid")))
+
+
+@pytest.mark.parametrize(
+    ("named", "never_named"),
+    [
+        ({"filter_size": 7}, {}),
+        ({"filter": "pcf", "filter_size": 1}, {"filter": "hard"}),
+        ({"constant_bias_texels": 50.0, "slope_bias": 9.0}, {}),
+        ({"normal_offset_texels": 5.0, "receiver_plane": False}, {}),
+        ({"bias": "manual", "normal_offset_texels": 0.0}, {"bias": "manual"}),
+        ({"bias": "manual", "receiver_plane": False}, {"bias": "manual"}),
+        ({"lam": 0.9, "split": "uniform"}, {"split": "uniform"}),
+        ({"manual_splits": (1.0, 2.0, 3.0)}, {}),
+        ({"cascade_count": 1, "split": "logarithmic"}, {"cascade_count": 1}),
+        ({"filter": "none", "fit": "box", "bias": "manual", "pancake": True}, {"filter": "none"}),
+    ],
+    ids=lambda changes: " ".join(f"{name}={value}" for name, value in changes.items()) or "default",
+)
+def test_what_is_off_equals_what_was_never_named(renderer, view, named, never_named):
+    frames, plans = [], []
+    for changes in (named, never_named):
+        settings = SMALL.replace(**changes)
+        frames.append(renderer.render(*view, settings, points=[(0.5, 0.0, 2.0)]))
+        plans.append(csm.plan(settings, size=(48, 27)))
+    assert plans[0] == plans[1]
+    assert frames[0].outputs == frames[1].outputs
+    for name in frames[0].outputs:
+        assert np.array_equal(getattr(frames[0], name), getattr(frames[1], name)), name
+    assert frames[0].info["settings"] == frames[1].info["settings"]
+    assert frames[0].info["bytes"] == frames[1].info["bytes"]
+
+
+def test_zero_is_a_value(renderer, view):
+    """No bias at all is not the default bias: it shows acne, and should."""
+    outputs = ("mask", "normal", "valid")
+    bare = renderer.render(*view, SMALL.replace(bias="manual"), outputs=outputs)
+    default = renderer.render(*view, SMALL, outputs=outputs)
+    ground = default.valid & (default.normal[..., 1] > 0.99)
+    assert (bare.mask < default.mask)[ground].mean() > 0.1
+    assert not (bare.mask > default.mask)[ground].any()

@@ -1,0 +1,224 @@
+"""ShadowSettings: the contract's defaults, the effect table field by field, the canonical form."""
+
+import copy
+import json
+import pickle
+import re
+from dataclasses import FrozenInstanceError, fields
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+import csm
+from csm import _core
+
+# Written from CONTRACT's table of settings, not from the code.
+CONTRACT_DEFAULTS = {
+    "cascade_count": 4,
+    "map_size": 2048,
+    "split": "practical",
+    "lam": 0.5,
+    "view_range": "scene",
+    "fit": "sphere",
+    "snap": "exact",
+    "select": "map",
+    "cull": "inclusive",
+    "depth_format": "d32f",
+    "filter": "hard",
+    "filter_size": 3,
+    "bias": "auto",
+}
+# Values that mean "nothing added": a default never changes the picture of a setting not named.
+OFF = {
+    "manual_splits": (),
+    "pancake": False,
+    "constant_bias_texels": 0.0,
+    "slope_bias": 0.0,
+    "normal_offset_texels": 0.0,
+    "receiver_plane": False,
+}
+TABLE = {row["name"]: row for row in _core.effect_table() if row["name"]}
+FIELDS = {field.name: field for field in fields(csm.ShadowSettings)}
+
+
+def documented(name):
+    """The type line and the text of a parameter in the class's docstring."""
+    match = re.search(
+        rf"^    (?:\w+, )*{name}(?:, \w+)* : (.*)\n((?:        .*\n|\n)*)",
+        csm.ShadowSettings.__doc__,
+        flags=re.MULTILINE,
+    )
+    assert match, f"{name} is not documented"
+    return match[1], match[2]
+
+
+@pytest.mark.parametrize("name", CONTRACT_DEFAULTS)
+def test_default_is_that_of_the_contract(name):
+    assert getattr(csm.ShadowSettings(), name) == CONTRACT_DEFAULTS[name]
+
+
+@pytest.mark.parametrize("name", OFF)
+def test_default_is_off(name):
+    assert getattr(csm.ShadowSettings(), name) == OFF[name]
+
+
+def test_every_field_is_known_here():
+    assert FIELDS.keys() == CONTRACT_DEFAULTS.keys() | OFF.keys()
+
+
+@pytest.mark.parametrize("name", TABLE)
+def test_effect_is_a_field_of_equal_type_and_default(name):
+    row, field = TABLE[name], FIELDS[name]
+    assert field.default == row["default"]
+    assert type(field.default) is {"enum": str, "int": int, "bool": bool}[row["type"]]
+    kind, text = documented(name)
+    if row["type"] == "enum":
+        first, *rest = row["choices"].split()
+        assert kind == "{" + ", ".join(f'"{choice}"' for choice in (first, *rest)) + "}"
+        assert field.default == first
+    else:
+        assert kind == row["type"]
+    assert text.strip() or row["type"] == "enum"
+
+
+@pytest.mark.parametrize("name", FIELDS)
+def test_field_is_documented(name):
+    assert documented(name)[0]
+
+
+@pytest.mark.parametrize("name", TABLE)
+def test_every_value_of_an_effect_is_taken_and_others_are_not(name):
+    row = TABLE[name]
+    if row["type"] == "enum":
+        extra = {"cascade_count": 2, "manual_splits": (3.0,)} if name == "split" else {}
+        for choice in row["choices"].split():
+            changed = csm.ShadowSettings(**extra).replace(**{name: choice})
+            assert getattr(changed, name) == choice
+        bad = [row["choices"].split()[0].upper(), "", row["choices"]]
+    elif row["type"] == "int":
+        for value in (row["min"], row["max"]):
+            assert getattr(csm.ShadowSettings(**{name: value}), name) == value
+        bad = [row["min"] - 1, row["max"] + 1]
+    else:
+        assert getattr(csm.ShadowSettings(**{name: not row["default"]}), name) != row["default"]
+        bad = []
+    for value in bad:
+        with pytest.raises(ValueError, match=name):
+            csm.ShadowSettings(**{name: value})
+
+
+def test_frozen_equal_hashable_copied_and_pickled():
+    settings = csm.ShadowSettings(map_size=512, filter="pcf", filter_size=5)
+    with pytest.raises(FrozenInstanceError):
+        settings.map_size = 1024
+    same = csm.ShadowSettings(filter_size=5, filter="pcf", map_size=512)
+    for other in (same, copy.copy(settings), pickle.loads(pickle.dumps(settings))):
+        assert other == settings
+        assert hash(other) == hash(settings)
+    assert settings != settings.replace(map_size=513)
+
+
+def test_replace_changes_a_copy():
+    settings = csm.ShadowSettings(lam=0.25)
+    changed = settings.replace(map_size=64, snap="none")
+    assert (settings.map_size, settings.snap) == (2048, "exact")
+    assert (changed.map_size, changed.snap, changed.lam) == (64, "none", 0.25)
+
+
+def test_sizes_per_cascade_follow_the_count():
+    settings = csm.ShadowSettings(cascade_count=3, map_size=(64, 32, 16))
+    assert settings.replace(cascade_count=2).map_size == (64, 32)
+    assert settings.replace(cascade_count=4).map_size == (64, 32, 16, 16)
+
+
+def test_dict_is_plain_and_makes_the_same_settings():
+    settings = csm.ShadowSettings(
+        cascade_count=3, split="manual", manual_splits=(2, 9.5), map_size=(64, 64, 32)
+    )
+    text = json.dumps(settings.to_dict())
+    assert csm.ShadowSettings(**json.loads(text)) == settings
+
+
+def test_numbers_of_numpy_are_numbers():
+    settings = csm.ShadowSettings(
+        cascade_count=np.int64(2),
+        map_size=np.array([64, 32], np.uint16),
+        lam=np.float32(0.5),
+        pancake=np.bool_(True),
+        split="manual",
+        manual_splits=np.array([7.0]),
+    )
+    assert settings.to_dict() == json.loads(json.dumps(settings.to_dict()))
+    assert (settings.map_size, settings.manual_splits) == ((64, 32), (7.0,))
+    assert settings.pancake is True
+
+
+# -- canonical form --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("given_", "canonical"),
+    [
+        ({"filter_size": 9}, {}),
+        ({"filter": "pcf", "filter_size": 1}, {}),
+        ({"filter": "pcf", "filter_size": 9}, {"filter": "pcf", "filter_size": 9}),
+        ({"split": "uniform", "lam": 0.9}, {"split": "uniform"}),
+        ({"manual_splits": (1.0, 2.0, 3.0)}, {}),
+        ({"cascade_count": 1, "split": "logarithmic", "lam": 0.1}, {"cascade_count": 1}),
+        ({"constant_bias_texels": 3.0, "slope_bias": 2.0, "normal_offset_texels": 1.0}, {}),
+        ({"receiver_plane": True}, {}),
+        (
+            {"bias": "manual", "slope_bias": 2.0, "receiver_plane": True},
+            {"bias": "manual", "slope_bias": 2.0, "receiver_plane": True},
+        ),
+        ({"map_size": (64,) * 4}, {"map_size": 64}),
+        (
+            {"filter": "none", "map_size": 64, "cascade_count": 2, "fit": "box", "snap": "none"},
+            {"filter": "none"},
+        ),
+        ({"filter": "none", "bias": "manual", "slope_bias": 2.0}, {"filter": "none"}),
+    ],
+    ids=[
+        "size without kernel", "1 x 1 pcf is hard", "pcf", "lam of no weight", "splits not manual",
+        "one cascade has no splits", "numbers under auto", "plane under auto", "manual",
+        "equal sizes", "no shadows", "no shadows, no bias",
+    ],
+)  # fmt: skip
+def test_what_has_no_meaning_is_at_its_default(given_, canonical):
+    expected = csm.ShadowSettings(**canonical).canonical()
+    assert csm.ShadowSettings(**given_).canonical() == expected
+    for name, value in canonical.items():
+        assert getattr(expected, name) == value
+
+
+number = st.floats(-4, 4, allow_nan=False)
+any_settings = st.builds(
+    lambda **values: csm.ShadowSettings(
+        **values, manual_splits=tuple(range(1, values["cascade_count"]))
+    ),
+    cascade_count=st.integers(1, 8),
+    map_size=st.integers(1, 65536),
+    lam=st.floats(0, 1),
+    filter_size=st.integers(0, 16).map(lambda half: 2 * half + 1) | st.just(2),
+    constant_bias_texels=number,
+    slope_bias=number,
+    normal_offset_texels=number,
+    pancake=st.booleans(),
+    receiver_plane=st.booleans(),
+    **{
+        name: st.sampled_from(row["choices"].split())
+        for name, row in TABLE.items()
+        if row["type"] == "enum"
+    },
+)
+
+
+@given(settings=any_settings)
+def test_canonical_form_is_its_own_and_means_the_same(settings):
+    canonical = settings.canonical()
+    assert canonical.canonical() == canonical
+    # same passes, textures, programs; the same bias
+    assert csm.plan(canonical, size=(8, 8)) == csm.plan(settings, size=(8, 8))
+    assert _core.bias_terms(canonical) == _core.bias_terms(settings)
