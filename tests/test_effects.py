@@ -165,12 +165,13 @@ def view():
 
 
 def check_frame(frame):
-    """A mask of this view has lit ground, a dark side of the box, and nothing that is no number."""
+    """A mask of this view has a dark side of the box and, for the most part, ground with light on
+    it: all of it without acne, a part of it under a kernel without bias."""
     assert np.isfinite(frame.mask).all()
     assert frame.mask.min() == 0.0
     assert frame.mask.max() == 1.0
-    shares = [((frame.mask == level) & frame.valid).mean() for level in (0.0, 1.0)]
-    assert min(shares) > 0.01
+    assert (frame.mask == 0)[frame.valid].mean() > 0.01
+    assert (frame.mask > 0.1)[frame.valid].mean() > 0.4
 
 
 @pytest.mark.parametrize("settings", SINGLES)
