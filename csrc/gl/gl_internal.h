@@ -98,8 +98,10 @@ enum {
 };
 
 typedef struct csm_host_buffer {
-    GLuint name;
+    GLuint name;        /* what passes write */
+    GLuint host;        /* what is mapped; the same buffer on software GL */
     GLsizeiptr size;
+    GLsizeiptr used;    /* of this frame */
     const void *mapped;
 } csm_host_buffer;
 
@@ -201,6 +203,7 @@ void csm_programs_drop(csm_renderer *renderer);
 csm_status csm_targets_fit(csm_renderer *renderer, const csm_plan *plan, csm_error *err);
 void csm_targets_drop(csm_renderer *renderer);
 csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err);
+void csm_host_buffers_fetch(csm_renderer *renderer);
 GLuint csm_buffer_make(csm_renderer *renderer, const char *label, GLsizeiptr size, const void *data,
                        GLbitfield flags);
 void csm_buffer_drop(csm_renderer *renderer, GLuint *name);

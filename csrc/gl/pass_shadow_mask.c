@@ -112,7 +112,7 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err)
         gl->DispatchCompute((GLuint)((width + GROUP_WIDTH - 1) / GROUP_WIDTH),
                             (GLuint)((rows + GROUP_HEIGHT - 1) / GROUP_HEIGHT), 1);
     }
-    gl->MemoryBarrier(GL_CLIENT_MAPPED_BUFFER_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
+    gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     csm_timer_stop(renderer, frame->out, "shadow_mask");
     return status;
 }
@@ -177,7 +177,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err)
         set_image(frame, (int)first, (int)count);
         gl->DispatchCompute((GLuint)((here + POINT_GROUP - 1) / POINT_GROUP), 1, 1);
     }
-    gl->MemoryBarrier(GL_CLIENT_MAPPED_BUFFER_BARRIER_BIT | GL_BUFFER_UPDATE_BARRIER_BIT);
+    gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     csm_timer_stop(renderer, frame->out, "shadow_points");
     frame->out->bytes += out_bytes + (size_t)in_bytes;
     return CSM_OK;

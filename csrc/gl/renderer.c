@@ -311,6 +311,7 @@ static void read_back(csm_frame *frame)
     const csm_render_desc *desc = frame->desc;
     size_t pixels = (size_t)desc->camera.width * (size_t)desc->camera.height;
     double start = csm_clock_ms();
+    csm_host_buffers_fetch(frame->renderer);
     copy_mapped(frame, CSM_BUFFER_MASK, out->mask, pixels * sizeof(float));
     copy_mapped(frame, CSM_BUFFER_DEPTH, out->view_depth, pixels * sizeof(float));
     copy_mapped(frame, CSM_BUFFER_NORMAL, out->normal, 3 * pixels * sizeof(float));
@@ -356,7 +357,6 @@ static csm_status render_bound(csm_frame *frame, csm_error *err)
                                           : run_step(frame, &frame->plan.steps[i], err);
     }
     if (status == CSM_OK) {
-        gl->Finish(); /* host buffers are read without another call to the driver */
         read_back(frame);
         status = csm_debug_check(renderer, "readback", err);
     }

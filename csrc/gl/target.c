@@ -93,14 +93,22 @@ csm_status csm_targets_fit(csm_renderer *renderer, const csm_plan *plan, csm_err
     return CSM_OK;
 }
 
+static void drop_buffer(csm_renderer *renderer, csm_host_buffer *buffer)
+{
+    if (buffer->name != buffer->host) {
+        csm_buffer_drop(renderer, &buffer->name);
+    }
+    csm_buffer_drop(renderer, &buffer->host);
+    memset(buffer, 0, sizeof *buffer);
+}
+
 void csm_targets_drop(csm_renderer *renderer)
 {
     for (int t = 0; t < CSM_TARGET_COUNT; t++) {
         drop(renderer, &renderer->targets[t]);
     }
     for (int kind = 0; kind < CSM_BUFFER_COUNT; kind++) {
-        csm_buffer_drop(renderer, &renderer->buffers[kind].name);
-        memset(&renderer->buffers[kind], 0, sizeof renderer->buffers[kind]);
+        drop_buffer(renderer, &renderer->buffers[kind]);
     }
 }
 
@@ -124,14 +132,16 @@ void csm_buffer_drop(csm_renderer *renderer, GLuint *name)
     }
 }
 
-/* The buffer stays mapped: on software GL it is the driver's own memory, on hardware the copy over the
- * bus happens as the pass writes. A smaller frame uses the front of a larger buffer. */
+/* On software GL the passes write the mapped buffer itself, the driver's own memory. On hardware they write
+ * device memory and csm_host_buffers_fetch copies over the bus at once: a shader's own scattered writes across
+ * it cost ten times the pass. A smaller frame uses the front of a larger buffer. */
 csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err)
 {
     static const char *const labels[CSM_BUFFER_COUNT] = {"mask", "cascade_index", "view_depth",
                                                          "normal", "points"};
     csm_host_buffer *buffer = &renderer->buffers[kind];
     const GLbitfield flags = GL_MAP_READ_BIT | GL_MAP_PERSISTENT_BIT;
+    buffer->used = (GLsizeiptr)size;
     if (buffer->size >= (GLsizeiptr)size) {
         return CSM_OK;
     }
@@ -139,16 +149,32 @@ csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, cs
         return csm_fail(err, CSM_ERROR_LIMIT, "%s needs %zu bytes, the driver allows %lld",
                         labels[kind], size, (long long)renderer->info.max_buffer_bytes);
     }
-    csm_buffer_drop(renderer, &buffer->name);
-    buffer->size = 0;
-    buffer->name = csm_buffer_make(renderer, labels[kind], (GLsizeiptr)size, NULL,
+    drop_buffer(renderer, buffer);
+    buffer->host = csm_buffer_make(renderer, labels[kind], (GLsizeiptr)size, NULL,
                                    flags | GL_CLIENT_STORAGE_BIT);
-    buffer->mapped = renderer->gl.MapNamedBufferRange(buffer->name, 0, (GLsizeiptr)size, flags);
+    buffer->mapped = renderer->gl.MapNamedBufferRange(buffer->host, 0, (GLsizeiptr)size, flags);
     if (!buffer->mapped) {
-        csm_buffer_drop(renderer, &buffer->name);
+        drop_buffer(renderer, buffer);
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu bytes of %s", size,
                         labels[kind]);
     }
-    buffer->size = (GLsizeiptr)size;
+    buffer->name = renderer->info.software
+                       ? buffer->host
+                       : csm_buffer_make(renderer, labels[kind], (GLsizeiptr)size, NULL, 0);
+    buffer->used = buffer->size = (GLsizeiptr)size;
     return CSM_OK;
+}
+
+void csm_host_buffers_fetch(csm_renderer *renderer)
+{
+    const GladGLContext *gl = &renderer->gl;
+    for (int kind = 0; kind < CSM_BUFFER_COUNT; kind++) {
+        csm_host_buffer *buffer = &renderer->buffers[kind];
+        if (buffer->used && buffer->name != buffer->host) {
+            gl->CopyNamedBufferSubData(buffer->name, buffer->host, 0, 0, buffer->used);
+        }
+        buffer->used = 0;
+    }
+    gl->MemoryBarrier(GL_CLIENT_MAPPED_BUFFER_BARRIER_BIT);
+    gl->Finish(); /* mapped memory is read without another call to the driver */
 }
