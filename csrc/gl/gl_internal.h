@@ -146,7 +146,8 @@ typedef struct csm_frame_uniforms {
     float window[CSM_MAX_CASCADES][4]; /* texels per metre in x, y; phase in x, y [texels] */
     float centre[CSM_MAX_CASCADES][4]; /* of the window in lattice texels; texels of its half side, side */
     float depth[CSM_MAX_CASCADES][4];  /* scale, offset of z; constant bias [depth]; larger texel [m] */
-    float slope[CSM_MAX_CASCADES][4];  /* depth per texel at a gradient of 1 in x, y; far view depth */
+    float slope[CSM_MAX_CASCADES][4];  /* depth per texel at a gradient of 1 in x, y; far view
+                                          depth; least depth per texel that a bias takes */
     float clip[CSM_MAX_CASCADES][4];   /* light x, y to clip x, y: scale, offset */
 } csm_frame_uniforms;
 

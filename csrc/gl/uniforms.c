@@ -82,6 +82,9 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
         (float)(bias->constant_texels * largest / span + bias->quanta * quantum);
     uniforms->depth[i][3] = (float)largest;
     uniforms->slope[i][2] = (float)cascades->splits[i + 1];
+    /* by hand a bias is in texels of the larger side; the automatic one is as small as each side allows */
+    bool manual = frame->settings.effects[CSM_EFFECT_BIAS] == CSM_BIAS_MANUAL;
+    uniforms->slope[i][3] = manual ? (float)(largest / span) : 0.0f;
 }
 
 void csm_frame_write_uniforms(csm_frame *frame)

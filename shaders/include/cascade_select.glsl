@@ -7,7 +7,7 @@ struct candidate
     vec2 texels;   // light x, y on the cascade's lattice
     float z;
     vec4 centre;
-    vec2 slope;
+    vec3 slope;    // depth per texel at a gradient of 1 in x, y; the least of them in a bias
     float constant_bias;
     float scale;   // depth per metre
 };
@@ -20,7 +20,7 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.texels = lattice_texels(position_ls.xy, cascade);
     here.z = map_depth(position_ls.z, cascade);
     here.centre = frame.centre[cascade];
-    here.slope = frame.slope[cascade].xy;
+    here.slope = frame.slope[cascade].xyw;
     here.constant_bias = frame.depth[cascade].z;
     here.scale = -frame.depth[cascade].x;
     vec2 away = abs(here.texels - here.centre.xy);
@@ -55,14 +55,16 @@ candidate choose_cascade(receiver point)
 map_receiver select_cascade(receiver point)
 {
     candidate chosen = choose_cascade(point);
-    vec2 texel_slope = depth_gradient(point) * chosen.slope;
+    vec2 gradient = depth_gradient(point);
+    vec2 texel_slope = gradient * chosen.slope.xy;
+    vec2 bias_slope = gradient * max(chosen.slope.xy, chosen.slope.z);
     vec2 whole = floor(chosen.texels);
     map_receiver at;
     at.cascade = chosen.cascade;
     at.size = int(chosen.centre.w);
     at.texel = ivec2(whole - (chosen.centre.xy - chosen.centre.z));
     at.fraction = chosen.texels - whole;
-    at.z = chosen.z - depth_bias(point, texel_slope, chosen.constant_bias, chosen.scale);
+    at.z = chosen.z - depth_bias(point, bias_slope, chosen.constant_bias, chosen.scale);
 #if CSM_RECEIVER_PLANE
     at.slope = plane_known(point) ? texel_slope : vec2(0.0);
 #else

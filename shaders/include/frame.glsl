@@ -19,7 +19,7 @@ struct frame_values
     vec4 window[8];                 // texels per metre in x, y; phase in x, y [texels]
     vec4 centre[8];                 // of the window in lattice texels x, y; texels of its half side, of its side
     vec4 depth[8];                  // scale, offset of z; constant bias [depth]; larger texel side [m]
-    vec4 slope[8];                  // depth per texel at a gradient of 1 in x, y; far view depth [m]
+    vec4 slope[8];                  // depth per texel at a gradient of 1 in x, y; far view depth [m]; least of x, y in a bias
     vec4 clip[8];                   // light x, y to clip x, y: scale, offset
 };
 

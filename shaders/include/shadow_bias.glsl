@@ -33,9 +33,9 @@ vec3 offset_position(receiver point, int cascade)
 #endif
 }
 
-// Depth to subtract: texel_slope is the plane's change of depth over one texel in x and y, scale the map's depth
-// per metre.
-float depth_bias(receiver point, vec2 texel_slope, float constant, float scale)
+// Depth to subtract: bias_slope is the plane's change of depth over one texel in x and y, as a bias counts texels;
+// scale is the map's depth per metre.
+float depth_bias(receiver point, vec2 bias_slope, float constant, float scale)
 {
     float texels = frame.bias.x;
     vec3 reach = abs(point.position);
@@ -45,6 +45,6 @@ float depth_bias(receiver point, vec2 texel_slope, float constant, float scale)
     // without a plane to follow, every tap may lie the kernel's radius and half a texel away
     texels += plane_known(point) ? 0.0 : frame.bias.z + 0.5;
 #endif
-    return constant + texels * (abs(texel_slope.x) + abs(texel_slope.y)) +
+    return constant + texels * (abs(bias_slope.x) + abs(bias_slope.y)) +
            frame.bias.w * rounding * scale;
 }
