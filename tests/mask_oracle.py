@@ -1,5 +1,5 @@
-"""What a mask must be, given the frame's own maps, depths and normals: every compare of SPEC 1.13 and
-every choice of cascade, once per pixel, in doubles.
+"""What a mask must be, given the frame's own maps, depths and normals: every compare and every
+choice of cascade of every pixel, in doubles [SPEC 1.13].
 
 Shaders compute in float32. A compare or a texel that float32 may decide either way makes the answer
 an interval: `lowest` counts every such compare as shadowed, `highest` as lit.
@@ -14,7 +14,7 @@ NO_CASCADE = 255
 FACING = 1e-5
 EPS = 2.0**-23
 QUANTUM = {"d32f": 2.0**-24, "d24": 2.0**-24, "d16": 1 / 65535}
-STEEPEST = 1e5  # tangent to the light above which a surface counts as edge-on
+STEEPEST = 1e3  # tangent to the light beyond which a slope is not followed any further
 
 
 @dataclass
@@ -151,7 +151,7 @@ def visibility(frame, i, positions, normals, scale):
     lit = np.zeros((2, len(positions)))
     for dv in range(-radius, radius + 1):
         for du in range(-radius, radius + 1):
-            texel = whole + (du, dv)
+            texel = whole + np.array([du, dv])
             depth = at.depth - at.bias
             if plane:
                 depth = depth + (at.slope * (texel + 0.5 - at.texel)).sum(axis=1)
@@ -169,7 +169,7 @@ def _fetch(stored, texel):
 
 
 def _compare(depth, stored, error):
-    """(2, m) lowest and highest answer of one compare; an empty texel holds 1 and shadows nothing."""
+    """(2, m) lowest and highest answer of a compare; an empty texel holds 1 and shadows nothing."""
     depth = np.minimum(depth, 1.0)
     return np.stack([depth + error <= stored, depth - error <= stored]) | (stored == 1.0)
 
@@ -183,7 +183,7 @@ def _bilinear(at, stored):
     for dv in (0, 1):
         for du in (0, 1):
             weight = np.abs(1 - du - fraction[:, 0]) * np.abs(1 - dv - fraction[:, 1])
-            stored_there = _fetch(stored, corner + (du, dv))
+            stored_there = _fetch(stored, corner + np.array([du, dv]))
             answer = _compare(at.depth - at.bias, stored_there, at.compare_error)
             lit += weight * answer
     steps = 2.0 * (2.0**-8 + at.texel_error)

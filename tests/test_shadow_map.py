@@ -1,4 +1,4 @@
-"""Shadow maps against triangles rasterised in doubles: coverage, depth, formats, culling, pancaking."""
+"""Shadow maps against triangles rasterised in doubles: coverage, depth, formats, culling."""
 
 import map_oracle
 import numpy as np
@@ -133,7 +133,7 @@ def used_texels(frame, radius):
         texel = small_scenes.texels_of(frame.cascades, i, own)[:, :2]
         for dv in range(-radius, radius + 1):
             for du in range(-radius, radius + 1):
-                u, v = np.floor(texel + (du, dv)).astype(int).T
+                u, v = np.floor(texel + np.array([du, dv])).astype(int).T
                 inside = (u >= 0) & (v >= 0) & (u < size) & (v < size)
                 used[i][v[inside], u[inside]] = True
     return used

@@ -83,7 +83,7 @@ def test_every_compare(renderer, evidence, filter_name, select):
         {"bias": "manual"},
         {"bias": "manual", "constant_bias_texels": 1.5},
         {"bias": "manual", "slope_bias": 0.7},
-        {"bias": "manual", "slope_bias": 0.7, "fit": "box"},
+        {"bias": "manual", "slope_bias": 2.5, "fit": "box", "map_size": 64},
         {"bias": "manual", "constant_bias_texels": -0.5, "slope_bias": 1.0},
         {"bias": "manual", "normal_offset_texels": 0.8, "slope_bias": 0.2},
         {"bias": "manual", "normal_offset_texels": -0.4},
@@ -361,7 +361,7 @@ def test_triangles_across_the_eye_and_the_near_plane(renderer):
 )
 def test_triangles_without_area(renderer, corners):
     ground, triangles = shapes.ground(5.0)
-    positions = np.concatenate([ground, np.array(corners, float) + [0, 1, 0]])
+    positions = np.concatenate([ground, np.add(corners, [0.0, 1.0, 0.0])])
     scene = csm.Scene.from_arrays(positions, np.concatenate([triangles, [[4, 5, 6]]]))
     frame = frame_of(renderer, scene, small_scenes.camera(), (0.3, 1, 0.2), BASE)
     assert np.isfinite(frame.mask).all()
