@@ -322,7 +322,7 @@ typedef struct csm_item {
  * meshes that occur more often are stored once. Triangles are sorted along a space-filling curve
  * inside a mesh, so that chunks are compact. */
 typedef struct csm_geometry {
-    float *positions; /* vertex_count x 3 */
+    float *positions; /* vertex_count x 3; vertex t is the last corner of triangle t alone */
     size_t vertex_count;
     uint32_t *indices; /* triangle_count x 3 */
     size_t triangle_count;

@@ -1,10 +1,10 @@
-// view.frag: which triangle of which instance is seen.
+// view.frag: which triangle of which instance is seen. Without instances the target holds the triangle alone.
 
-layout(location = 0) flat in uvec2 record;
+layout(location = 0) flat in uvec2 ids;
 
-layout(location = 0) out uvec2 ids;
+layout(location = 0) out uvec2 seen;
 
 void main()
 {
-    ids = uvec2(record.x + uint(gl_PrimitiveID), record.y);
+    seen = ids;
 }

@@ -1,18 +1,15 @@
 // view.vert: casters and receivers as the camera sees them.
 #include "include/frame.glsl"
-#include "include/geometry.glsl"
+#include "include/vertex.glsl"
 
-layout(location = 0) in vec3 position;
-layout(location = 1) in uvec2 draw_record; // first triangle, instance
-
-layout(location = 0) flat out uvec2 record;
+layout(location = 0) flat out uvec2 ids; // of the provoking vertex, which ends one triangle alone
 
 void main()
 {
     // The eye is subtracted first, in two parts: near the eye this difference is exact, and the
     // translation never cancels inside a matrix product.
     precise vec3 from_eye =
-        (origin_from_local(draw_record.y, position) - frame.eye_high.xyz) - frame.eye_low.xyz;
+        (origin_from_local(instance, position) - frame.eye_high.xyz) - frame.eye_low.xyz;
     gl_Position = frame.clip_from_eye * vec4(from_eye, 1.0);
-    record = draw_record;
+    ids = uvec2(uint(gl_VertexID), instance);
 }

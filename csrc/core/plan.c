@@ -172,7 +172,9 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
     out->outputs = outputs;
     if (outputs & MASK_OUTPUTS) {
         add_step(out, CSM_STEP_VIEW, -1, &canonical);
-        add_texture(out, "view_ids", "rg32ui", width, height, 1, 8);
+        bool instances = canonical.effects[CSM_EFFECT_INSTANCES];
+        add_texture(out, "view_ids", instances ? "rg32ui" : "r32ui", width, height, 1,
+                    instances ? 8 : 4);
         add_texture(out, "view_depth", "d32f", width, height, 1, 4);
         out->bytes += (uint64_t)width * (uint64_t)height * output_bytes(outputs);
     }

@@ -21,7 +21,7 @@ typedef struct sort_key {
 } sort_key;
 
 typedef struct mesh_use {
-    size_t first_vertex, first_triangle;
+    size_t first_triangle;
     int32_t count, first_place; /* how often the mesh occurs; where its instances begin in order */
     double pivot[3];            /* what its local positions are relative to when stored once */
 } mesh_use;
@@ -33,6 +33,7 @@ typedef struct scene_build {
     int32_t *order;       /* instances, grouped by mesh */
     int32_t *row;         /* row of csm_geometry.instances, one per instance */
     sort_key *keys;       /* triangles of the mesh at hand */
+    uint32_t *vertex_place; /* where its vertices went, UINT32_MAX: nowhere yet */
     csm_geometry *out;
     size_t chunk, item;   /* written so far */
 } scene_build;
@@ -197,26 +198,21 @@ static void plane_of(const float *a, const float *b, const float *c, float out[4
     out[3] = (float)offset;
 }
 
-/* Positions relative to the scene's origin, or to the mesh's pivot if it is stored once for many. */
-static void write_vertices(const scene_build *build, int mesh_number)
+/* Position relative to the scene's origin, or to the mesh's pivot if it is stored once for many. */
+static void write_vertex(const scene_build *build, int mesh_number, int32_t vertex, float out[3])
 {
-    const csm_mesh_view *mesh = &build->desc->meshes[mesh_number];
     const mesh_use *use = &build->uses[mesh_number];
-    bool bake = use->count == 1;
-    const double *world_from_mesh =
-        build->desc->world_from_instance + 16 * (size_t)build->order[use->first_place];
-    const double *base = bake ? build->desc->origin : use->pivot;
-    float *out = build->out->positions + 3 * use->first_vertex;
-    for (size_t v = 0; v < mesh->vertex_count; v++) {
-        double p[3];
-        if (bake) {
-            transform_point(world_from_mesh, mesh->positions + 3 * v, p);
-        } else {
-            memcpy(p, mesh->positions + 3 * v, sizeof p);
-        }
-        for (int axis = 0; axis < 3; axis++) {
-            out[3 * v + axis] = (float)(p[axis] - base[axis]);
-        }
+    const double *local = build->desc->meshes[mesh_number].positions + 3 * (size_t)vertex;
+    double p[3];
+    if (use->count == 1) {
+        const int32_t instance = build->order[use->first_place];
+        transform_point(build->desc->world_from_instance + 16 * (size_t)instance, local, p);
+    } else {
+        memcpy(p, local, sizeof p);
+    }
+    const double *base = use->count == 1 ? build->desc->origin : use->pivot;
+    for (int axis = 0; axis < 3; axis++) {
+        out[axis] = (float)(p[axis] - base[axis]);
     }
 }
 
@@ -271,7 +267,7 @@ static void write_instances(const scene_build *build)
 static csm_status allocate(const scene_build *build, csm_error *err)
 {
     csm_geometry *out = build->out;
-    size_t instances = 1;
+    size_t instances = 1, vertices = 0;
     for (int m = 0; m < build->desc->mesh_count; m++) {
         const csm_mesh_view *mesh = &build->desc->meshes[m];
         size_t chunks = (mesh->triangle_count + CHUNK_TRIANGLES - 1) / CHUNK_TRIANGLES;
@@ -279,19 +275,20 @@ static csm_status allocate(const scene_build *build, csm_error *err)
         if (!count) {
             continue;
         }
-        out->vertex_count += mesh->vertex_count;
+        vertices += mesh->vertex_count;
         out->triangle_count += mesh->triangle_count;
         out->chunk_count += chunks;
         out->item_count += chunks * count;
         instances += count > 1 ? count : 0;
     }
-    if (out->vertex_count > UINT32_MAX / 3 || out->triangle_count > UINT32_MAX / 3 ||
-        out->item_count > UINT32_MAX) {
+    vertices += out->triangle_count; /* at most: every vertex and a copy for every triangle */
+    if (vertices > UINT32_MAX / 3 || out->item_count > UINT32_MAX) {
         return csm_fail(err, CSM_ERROR_LIMIT,
-                        "a scene may hold at most %u vertices and triangles (got %zu and %zu)",
-                        UINT32_MAX / 3, out->vertex_count, out->triangle_count);
+                        "a scene may hold at most %u vertices and triangles together (got %zu and %zu)",
+                        UINT32_MAX / 3, vertices - out->triangle_count, out->triangle_count);
     }
-    out->positions = malloc(out->vertex_count * 3 * sizeof *out->positions);
+    out->vertex_count = out->triangle_count;
+    out->positions = malloc(vertices * 3 * sizeof *out->positions);
     out->indices = malloc(out->triangle_count * 3 * sizeof *out->indices);
     out->planes = malloc(out->triangle_count * 4 * sizeof *out->planes);
     out->instances = malloc(instances * 12 * sizeof *out->instances);
@@ -305,20 +302,47 @@ static csm_status allocate(const scene_build *build, csm_error *err)
     return CSM_OK;
 }
 
-static void write_triangles(const scene_build *build, int mesh_number)
+/* Vertices and indices of one mesh. Vertex t is the last corner of triangle t and of no other, so that a
+ * vertex shader knows the triangle it starts: gl_PrimitiveID costs software GL a fifth of the pass. A
+ * triangle takes a corner that no other has taken, if there is one; vertices that end no triangle
+ * follow behind. */
+static void write_triangles(scene_build *build, int mesh_number)
 {
     const csm_mesh_view *mesh = &build->desc->meshes[mesh_number];
     const mesh_use *use = &build->uses[mesh_number];
-    const float *positions = build->out->positions;
+    csm_geometry *out = build->out;
+    for (size_t v = 0; v < mesh->vertex_count; v++) {
+        build->vertex_place[v] = UINT32_MAX;
+    }
     for (size_t t = 0; t < mesh->triangle_count; t++) {
-        uint32_t *indices = build->out->indices + 3 * (use->first_triangle + t);
+        const int32_t *corners = mesh->triangles + 3 * (size_t)build->keys[t].triangle;
+        uint32_t place = (uint32_t)(use->first_triangle + t);
+        int last = 2;
         for (int corner = 0; corner < 3; corner++) {
-            int32_t v = mesh->triangles[3 * (size_t)build->keys[t].triangle + corner];
-            indices[corner] = (uint32_t)(use->first_vertex + (size_t)v);
+            if (build->vertex_place[corners[corner]] == UINT32_MAX) {
+                build->vertex_place[corners[corner]] = place;
+                last = corner;
+                break;
+            }
         }
-        plane_of(positions + 3 * (size_t)indices[0], positions + 3 * (size_t)indices[1],
-                 positions + 3 * (size_t)indices[2],
-                 build->out->planes + 4 * (use->first_triangle + t));
+        write_vertex(build, mesh_number, corners[last], out->positions + 3 * (size_t)place);
+        out->indices[3 * (size_t)place] = (uint32_t)corners[(last + 1) % 3];
+        out->indices[3 * (size_t)place + 1] = (uint32_t)corners[(last + 2) % 3];
+        out->indices[3 * (size_t)place + 2] = place;
+    }
+    for (size_t t = use->first_triangle; t < use->first_triangle + mesh->triangle_count; t++) {
+        uint32_t *indices = out->indices + 3 * t;
+        for (int corner = 0; corner < 2; corner++) {
+            uint32_t *place = &build->vertex_place[indices[corner]];
+            if (*place == UINT32_MAX) {
+                *place = (uint32_t)out->vertex_count++;
+                write_vertex(build, mesh_number, (int32_t)indices[corner],
+                             out->positions + 3 * (size_t)*place);
+            }
+            indices[corner] = *place;
+        }
+        plane_of(out->positions + 3 * (size_t)indices[0], out->positions + 3 * (size_t)indices[1],
+                 out->positions + 3 * (size_t)indices[2], out->planes + 4 * t);
     }
 }
 
@@ -353,7 +377,7 @@ static void write_chunks(scene_build *build, int mesh_number)
 static void count_uses(const scene_build *build)
 {
     const csm_scene_desc *desc = build->desc;
-    size_t vertex = 0, triangle = 0;
+    size_t triangle = 0;
     int32_t place = 0;
     for (int i = 0; i < desc->instance_count; i++) {
         build->uses[desc->instance_mesh[i]].count++;
@@ -361,10 +385,8 @@ static void count_uses(const scene_build *build)
     for (int m = 0; m < desc->mesh_count; m++) {
         mesh_use *use = &build->uses[m];
         double bounds[6];
-        use->first_vertex = vertex;
         use->first_triangle = triangle;
         use->first_place = place;
-        vertex += use->count ? desc->meshes[m].vertex_count : 0;
         triangle += use->count ? desc->meshes[m].triangle_count : 0;
         place += use->count;
         use->count = 0; /* counted again below, as the instances take their places */
@@ -385,10 +407,11 @@ csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm
     if (status != CSM_OK) {
         return status;
     }
-    size_t largest = 0;
+    size_t largest = 0, most_vertices = 0;
     for (int m = 0; m < desc->mesh_count; m++) {
-        size_t count = desc->meshes[m].triangle_count;
-        largest = count > largest ? count : largest;
+        const csm_mesh_view *mesh = &desc->meshes[m];
+        largest = mesh->triangle_count > largest ? mesh->triangle_count : largest;
+        most_vertices = mesh->vertex_count > most_vertices ? mesh->vertex_count : most_vertices;
     }
     memset(out, 0, sizeof *out);
     empty_bounds(out->bounds);
@@ -399,8 +422,9 @@ csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm
         .order = malloc((size_t)desc->instance_count * sizeof *build.order),
         .row = malloc((size_t)desc->instance_count * sizeof *build.row),
         .keys = malloc(largest * sizeof *build.keys),
+        .vertex_place = malloc(most_vertices * sizeof *build.vertex_place),
     };
-    if (!build.uses || !build.order || !build.row || !build.keys) {
+    if (!build.uses || !build.order || !build.row || !build.keys || !build.vertex_place) {
         status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to sort %zu triangles", largest);
         goto done;
     }
@@ -412,7 +436,6 @@ csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm
     write_instances(&build);
     for (int m = 0; m < desc->mesh_count; m++) {
         if (build.uses[m].count) {
-            write_vertices(&build, m);
             sort_triangles(&desc->meshes[m], build.keys);
             write_triangles(&build, m);
             write_chunks(&build, m);
@@ -423,6 +446,7 @@ done:
     free(build.order);
     free(build.row);
     free(build.keys);
+    free(build.vertex_place);
     if (status != CSM_OK) {
         csm_geometry_destroy(out);
     }

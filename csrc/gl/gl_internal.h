@@ -124,9 +124,9 @@ struct csm_gpu_scene {
     struct csm_gpu_scene *next;
 };
 
-/* What one pass draws: commands in a buffer, one record per drawn instance. */
+/* What one pass draws: commands in a buffer; the row of each drawn instance, if the scene has any. */
 typedef struct csm_draw_list {
-    GLuint commands, records;
+    GLuint commands, instances;
     GLsizei command_count;
     int item_count;
     int64_t triangle_count;

@@ -1,8 +1,8 @@
 /* mesh.c: geometry on the GPU, and the list of what one pass draws.
  *
- * Positions, indices and one record (first triangle, instance) per drawn instance, read as an attribute that
- * steps once per instance: baseInstance picks the record, so one indirect call draws everything a
- * cascade needs, and a fragment knows its triangle as record + gl_PrimitiveID.
+ * One indirect call draws everything a pass needs. The instance's number is an attribute that steps once per
+ * instance, picked by baseInstance; a scene without instances has no such attribute. Triangle t ends
+ * in vertex t, so gl_VertexID of the provoking vertex is the triangle.
  */
 #include "gl_internal.h"
 
@@ -13,17 +13,13 @@ typedef struct draw_command {
     GLuint index_count, instance_count, first_index, base_vertex, base_instance;
 } draw_command;
 
-typedef struct draw_record {
-    GLuint first_triangle, instance;
-} draw_record;
-
 /* What runs between two looks at the stop callback: some tenths of a second on software GL. */
 #define BATCH_TRIANGLES (1 << 20)
 /* Longest merged command, so that batches can be cut between commands. */
 #define COMMAND_INDICES (3u << 18)
 
-enum { ATTRIBUTE_POSITION, ATTRIBUTE_RECORD };
-enum { BINDING_POSITION, BINDING_RECORD };
+enum { ATTRIBUTE_POSITION, ATTRIBUTE_INSTANCE };
+enum { BINDING_POSITION, BINDING_INSTANCE };
 
 static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene)
 {
@@ -36,10 +32,12 @@ static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene)
     gl->EnableVertexArrayAttrib(scene->vertex_array, ATTRIBUTE_POSITION);
     gl->VertexArrayAttribFormat(scene->vertex_array, ATTRIBUTE_POSITION, 3, GL_FLOAT, GL_FALSE, 0);
     gl->VertexArrayAttribBinding(scene->vertex_array, ATTRIBUTE_POSITION, BINDING_POSITION);
-    gl->EnableVertexArrayAttrib(scene->vertex_array, ATTRIBUTE_RECORD);
-    gl->VertexArrayAttribIFormat(scene->vertex_array, ATTRIBUTE_RECORD, 2, GL_UNSIGNED_INT, 0);
-    gl->VertexArrayAttribBinding(scene->vertex_array, ATTRIBUTE_RECORD, BINDING_RECORD);
-    gl->VertexArrayBindingDivisor(scene->vertex_array, BINDING_RECORD, 1);
+    if (scene->geometry.instance_count > 1) {
+        gl->EnableVertexArrayAttrib(scene->vertex_array, ATTRIBUTE_INSTANCE);
+        gl->VertexArrayAttribIFormat(scene->vertex_array, ATTRIBUTE_INSTANCE, 1, GL_UNSIGNED_INT, 0);
+        gl->VertexArrayAttribBinding(scene->vertex_array, ATTRIBUTE_INSTANCE, BINDING_INSTANCE);
+        gl->VertexArrayBindingDivisor(scene->vertex_array, BINDING_INSTANCE, 1);
+    }
     csm_debug_label(renderer, GL_VERTEX_ARRAY, scene->vertex_array, "scene");
 }
 
@@ -142,10 +140,10 @@ void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene)
 /* Kept items come in ascending order, so instances of a chunk stand together and share a command, and
  * neighbouring chunks of baked meshes merge into one. */
 static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_t item_count,
-                        draw_command *commands, draw_record *records, csm_draw_list *list)
+                        draw_command *commands, GLuint *instances, csm_draw_list *list)
 {
     const csm_geometry *geometry = &scene->geometry;
-    uint32_t last_chunk = UINT32_MAX, record_count = 0;
+    uint32_t last_chunk = UINT32_MAX, instance_count = 0;
     bool last_baked = false;
     for (size_t i = 0; i < item_count; i++) {
         const csm_item *item = &geometry->items[items[i]];
@@ -155,15 +153,15 @@ static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_
         list->triangle_count += chunk->triangle_count;
         if (last && !baked && item->chunk == last_chunk) {
             last->instance_count++;
-            records[record_count++] = (draw_record){chunk->first_triangle, item->instance};
+            instances[instance_count++] = item->instance;
         } else if (last && baked && last_baked && last->index_count < COMMAND_INDICES &&
                    last->first_index + last->index_count == 3 * chunk->first_triangle) {
             last->index_count += 3 * chunk->triangle_count;
         } else {
             commands[list->command_count++] =
                 (draw_command){3 * chunk->triangle_count, 1, 3 * chunk->first_triangle, 0,
-                               record_count};
-            records[record_count++] = (draw_record){chunk->first_triangle, item->instance};
+                               instance_count};
+            instances[instance_count++] = item->instance;
         }
         last_chunk = item->chunk;
         last_baked = baked;
@@ -179,21 +177,24 @@ csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene
         return CSM_OK;
     }
     draw_command *commands = malloc(item_count * sizeof *commands);
-    draw_record *records = malloc(item_count * sizeof *records);
+    GLuint *instances = malloc(item_count * sizeof *instances);
     csm_status status = CSM_OK;
-    if (commands && records) {
+    if (commands && instances) {
         list->item_count = (int)item_count;
-        write_draws(scene, items, item_count, commands, records, list);
+        write_draws(scene, items, item_count, commands, instances, list);
         list->commands = csm_buffer_make(renderer, "draw commands",
                                          list->command_count * (GLsizeiptr)sizeof *commands,
                                          commands, 0);
-        list->records = csm_buffer_make(renderer, "draw records",
-                                        (GLsizeiptr)(item_count * sizeof *records), records, 0);
+        if (scene->geometry.instance_count > 1) {
+            list->instances = csm_buffer_make(renderer, "drawn instances",
+                                              (GLsizeiptr)(item_count * sizeof *instances),
+                                              instances, 0);
+        }
     } else {
         status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to draw %zu chunks", item_count);
     }
     free(commands);
-    free(records);
+    free(instances);
     return status;
 }
 
@@ -202,8 +203,10 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, cs
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     csm_draw_list *list = &renderer->draws;
-    gl->VertexArrayVertexBuffer(scene->vertex_array, BINDING_RECORD, list->records, 0,
-                                sizeof(draw_record));
+    if (list->instances) {
+        gl->VertexArrayVertexBuffer(scene->vertex_array, BINDING_INSTANCE, list->instances, 0,
+                                    sizeof(GLuint));
+    }
     gl->BindVertexArray(scene->vertex_array);
     gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, list->commands);
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, scene->instances);
@@ -232,6 +235,6 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, cs
 void csm_draw_list_drop(csm_renderer *renderer)
 {
     csm_buffer_drop(renderer, &renderer->draws.commands);
-    csm_buffer_drop(renderer, &renderer->draws.records);
+    csm_buffer_drop(renderer, &renderer->draws.instances);
     memset(&renderer->draws, 0, sizeof renderer->draws);
 }

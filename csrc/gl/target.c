@@ -7,6 +7,7 @@ static const struct {
     const char *name;
     GLenum format;
 } formats[] = {
+    {"r32ui", GL_R32UI},
     {"rg32ui", GL_RG32UI},
     {"d32f", GL_DEPTH_COMPONENT32F},
     {"d24", GL_DEPTH_COMPONENT24},
