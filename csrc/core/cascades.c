@@ -198,10 +198,8 @@ static void choose_depth_range(const csm_cascades_desc *desc, const double light
     scene_depth_range(desc->scene_bounds, light_from_world, out_near, out_span);
     if (effects[CSM_EFFECT_PANCAKE]) {
         double near_depth, span;
-        /* Before the slice half a quantum of 16 bits stays free: no receiver is stored as depth 0,
-         * where the casters lie that are flattened and shadow all of the slice. */
-        const double margin = box_rounding(desc->scene_bounds) + 0x1p-15 * slice->half[2];
-        slice_depth_range(slice, margin, false, effects[CSM_EFFECT_SNAP], &near_depth, &span);
+        slice_depth_range(slice, box_rounding(desc->scene_bounds), false, effects[CSM_EFFECT_SNAP],
+                          &near_depth, &span);
         /* The spans decide, not the ends: a choice that moves with the camera would change the
          * quantum from frame to frame. */
         if (span < *out_span) {

@@ -9,7 +9,7 @@
 float filter_visibility(map_receiver at)
 {
     vec2 uv = (vec2(at.texel) + at.fraction) / float(at.size);
-    return texture(shadow_compare, vec4(uv, float(at.cascade), reference_depth(at.z)));
+    return texture(shadow_compare, vec4(uv, float(at.cascade), min(at.z, 1.0)));
 }
 
 #else
@@ -23,7 +23,7 @@ float pcf_tap(map_receiver at, ivec2 offset, float stored)
         return 0.0;
     }
     float plane = at.z + dot(at.slope, vec2(offset) + 0.5 - at.fraction);
-    return reference_depth(plane) <= stored ? 1.0 : 0.0;
+    return min(plane, 1.0) <= stored ? 1.0 : 0.0; // an empty texel holds 1, however far the plane runs
 }
 
 float filter_visibility(map_receiver at)

@@ -48,15 +48,3 @@ float depth_bias(receiver point, vec2 bias_slope, float constant, float scale)
     return constant + texels * (abs(bias_slope.x) + abs(bias_slope.y)) +
            frame.bias.w * rounding * scale;
 }
-
-// What a stored depth is compared with. An empty texel holds 1 and shadows nothing, however far the receiver's
-// plane runs.
-float reference_depth(float depth)
-{
-#if CSM_PANCAKE
-    // what was flattened onto depth 0 shadows everything in the range, however near and however biased
-    return clamp(depth, 1.0 / 16777216.0, 1.0);
-#else
-    return min(depth, 1.0);
-#endif
-}
