@@ -303,9 +303,9 @@ static csm_status allocate(const scene_build *build, csm_error *err)
 }
 
 /* Vertices and indices of one mesh. Vertex t is the last corner of triangle t and of no other, so that a
- * vertex shader knows the triangle it starts: gl_PrimitiveID costs software GL a fifth of the pass. A
- * triangle takes a corner that no other has taken, if there is one; vertices that end no triangle
- * follow behind. */
+ * vertex shader knows the triangle it starts: gl_PrimitiveID costs software GL a fifth of the pass.
+ * Vertices that end no triangle follow behind. Corners keep their order: another one would change the
+ * last bits of what a rasteriser interpolates, with the order of the triangles. */
 static void write_triangles(scene_build *build, int mesh_number)
 {
     const csm_mesh_view *mesh = &build->desc->meshes[mesh_number];
@@ -317,17 +317,12 @@ static void write_triangles(scene_build *build, int mesh_number)
     for (size_t t = 0; t < mesh->triangle_count; t++) {
         const int32_t *corners = mesh->triangles + 3 * (size_t)build->keys[t].triangle;
         uint32_t place = (uint32_t)(use->first_triangle + t);
-        int last = 2;
-        for (int corner = 0; corner < 3; corner++) {
-            if (build->vertex_place[corners[corner]] == UINT32_MAX) {
-                build->vertex_place[corners[corner]] = place;
-                last = corner;
-                break;
-            }
+        if (build->vertex_place[corners[2]] == UINT32_MAX) {
+            build->vertex_place[corners[2]] = place;
         }
-        write_vertex(build, mesh_number, corners[last], out->positions + 3 * (size_t)place);
-        out->indices[3 * (size_t)place] = (uint32_t)corners[(last + 1) % 3];
-        out->indices[3 * (size_t)place + 1] = (uint32_t)corners[(last + 2) % 3];
+        write_vertex(build, mesh_number, corners[2], out->positions + 3 * (size_t)place);
+        out->indices[3 * (size_t)place] = (uint32_t)corners[0];
+        out->indices[3 * (size_t)place + 1] = (uint32_t)corners[1];
         out->indices[3 * (size_t)place + 2] = place;
     }
     for (size_t t = use->first_triangle; t < use->first_triangle + mesh->triangle_count; t++) {
