@@ -92,8 +92,8 @@ typedef enum csm_effect {
 typedef enum csm_effect_type { CSM_TYPE_BOOL, CSM_TYPE_INT, CSM_TYPE_ENUM } csm_effect_type;
 
 typedef struct csm_effect_info {
-    const char *id;      /* macro name without CSM_ */
-    const char *name;    /* Python name */
+    const char *id;   /* macro name without CSM_ */
+    const char *name; /* Python name */
     csm_effect_type type;
     int default_value, min, max;
     unsigned passes;     /* CSM_PASS_* bits */
@@ -214,11 +214,11 @@ bool csm_frustum_depth_of_box(const csm_camera *camera, const double bounds[6], 
  * 4. Splits (SPEC 1.1)
  */
 
-/* count + 1 ascending view depths [m]; the ends are near and far to the bit. scheme is a CSM_SPLIT_*
- * of practical, uniform, logarithmic. Fails unless 0 < near < far (near may be any finite number
- * below far for uniform), 1 <= count <= 8, 0 <= lam <= 1. */
-csm_status csm_splits_compute(double near_depth, double far_depth, int count, int scheme, double lam,
-                              double *out_splits, csm_error *err);
+/* count + 1 ascending view depths [m]; the ends are near and far to the bit. scheme is a
+ * CSM_SPLIT_* of practical, uniform, logarithmic. Fails unless 0 < near < far (near may be any
+ * finite number below far for uniform), 1 <= count <= 8, 0 <= lam <= 1. */
+csm_status csm_splits_compute(double near_depth, double far_depth, int count, int scheme,
+                              double lam, double *out_splits, csm_error *err);
 
 /* near * 2^(k/4) with the smallest integer k that reaches depth; *out_step = k. When held_step is
  * not INT_MIN it is kept while it still reaches depth and is at most one step too far. */
@@ -313,7 +313,7 @@ typedef struct csm_chunk {
 } csm_chunk;
 
 typedef struct csm_item {
-    double bounds[6];  /* world, {min, max} */
+    double bounds[6]; /* world, {min, max} */
     uint32_t chunk;
     uint32_t instance; /* row of csm_geometry.instances */
 } csm_item;
@@ -326,8 +326,8 @@ typedef struct csm_geometry {
     size_t vertex_count;
     uint32_t *indices; /* triangle_count x 3 */
     size_t triangle_count;
-    float *planes; /* triangle_count x 4: unit normal and offset, dot(n, p) = offset, from doubles of
-                      the rounded positions; zero-area triangles have a zero normal */
+    float *planes; /* triangle_count x 4: unit normal and offset, dot(n, p) = offset, from doubles
+                      of the rounded positions; zero-area triangles have a zero normal */
     float *instances; /* instance_count x 12: rows of origin_from_local (3 x 4); row 0 identity */
     int instance_count;
     csm_chunk *chunks;
@@ -349,11 +349,11 @@ void csm_geometry_destroy(csm_geometry *geometry);
  * scene's bounds where known, extruded towards the light, met with the cascade's window. */
 typedef struct csm_cull_volume {
     double light_from_world[16];
-    double window[4];        /* light x min, y min, x max, y max [m] */
-    int hull_count;          /* 0: the window alone */
+    double window[4];             /* light x min, y min, x max, y max [m] */
+    int hull_count;               /* 0: the window alone */
     double hull[CSM_HULL_MAX][2]; /* convex polygon in light x, y, counter-clockwise */
-    double margin;           /* [m] added on each side of window and hull: kernel and rounding */
-    double lowest_z;         /* casters wholly below this light z cannot matter; -INFINITY: unknown */
+    double margin;   /* [m] added on each side of window and hull: kernel and rounding */
+    double lowest_z; /* casters wholly below this light z cannot matter; -INFINITY: unknown */
 } csm_cull_volume;
 
 /* Volume of cascade i: with selection by map the frustum from its slice on, with selection by
@@ -472,8 +472,8 @@ const char *csm_backend_name(int backend);
 
 typedef struct csm_renderer_desc {
     int backend;
-    bool debug;               /* synchronous KHR_debug output, errors fail the call */
-    csm_read_callback read;   /* shader files; called inside any call of the renderer */
+    bool debug;             /* synchronous KHR_debug output, errors fail the call */
+    csm_read_callback read; /* shader files; called inside any call of the renderer */
     void *read_user;
 } csm_renderer_desc;
 

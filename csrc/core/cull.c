@@ -11,8 +11,8 @@
 #include "linalg.h"
 
 /* A lookup compares depths on the plane of its receiver, up to margin away from it, where that
- * plane lies deeper by its slope times margin. 1000 is where shadow_bias.glsl stops following it, 0.06
- * degrees from edge-on to the light. */
+ * plane lies deeper by its slope times margin. 1000 is where shadow_bias.glsl stops following it,
+ * 0.06 degrees from edge-on to the light. */
 #define STEEPEST_RECEIVER 1000.0
 
 static int compare_points(const void *left, const void *right) {

@@ -1,7 +1,7 @@
 /* effects.c: the effect table, validation, canonical form, what a pass sees of it.
  *
- * In: csm_settings. Out: the same with meaningless values zeroed, the #define list and the cache key of
- * a pass, and the bias in the terms the shader knows.
+ * In: csm_settings. Out: the same with meaningless values zeroed, the #define list and the cache
+ * key of a pass, and the bias in the terms the shader knows.
  */
 #include "csm.h"
 
@@ -18,10 +18,11 @@ static const csm_effect_info effect_table[CSM_EFFECT_COUNT] = {
 
 #define MAX_MAP_SIZE 65536
 
-const csm_effect_info *csm_effect_describe(int effect) { return &effect_table[effect]; }
+const csm_effect_info *csm_effect_describe(int effect) {
+    return &effect_table[effect];
+}
 
-csm_settings csm_settings_default(void)
-{
+csm_settings csm_settings_default(void) {
     csm_settings settings = {.lam = 0.5};
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         settings.effects[i] = effect_table[i].default_value;
@@ -32,27 +33,25 @@ csm_settings csm_settings_default(void)
     return settings;
 }
 
-static void check_number(csm_error *err, const char *name, double value, double low, double high)
-{
+static void check_number(csm_error *err, const char *name, double value, double low, double high) {
     if (!(value >= low && value <= high)) {
         csm_fail_more(err, "%s must be a number from %g to %g (got %g)", name, low, high, value);
     }
 }
 
-static void check_manual_splits(const csm_settings *settings, int count, csm_error *err)
-{
+static void check_manual_splits(const csm_settings *settings, int count, csm_error *err) {
     for (int i = 0; i < count - 1; i++) {
         double here = settings->manual_splits[i];
         if (!isfinite(here) || (i > 0 && !(here > settings->manual_splits[i - 1]))) {
-            csm_fail_more(err, "manual_splits must be %d ascending view depths [m] (number %d is %g)",
+            csm_fail_more(err,
+                          "manual_splits must be %d ascending view depths [m] (number %d is %g)",
                           count - 1, i + 1, here);
             return;
         }
     }
 }
 
-csm_status csm_settings_validate(const csm_settings *settings, csm_error *err)
-{
+csm_status csm_settings_validate(const csm_settings *settings, csm_error *err) {
     csm_error problems = {0};
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         const csm_effect_info *row = &effect_table[i];
@@ -88,13 +87,11 @@ csm_status csm_settings_validate(const csm_settings *settings, csm_error *err)
     return problems.status;
 }
 
-static void reset(csm_settings *settings, csm_effect effect)
-{
+static void reset(csm_settings *settings, csm_effect effect) {
     settings->effects[effect] = effect_table[effect].default_value;
 }
 
-void csm_settings_canonical(csm_settings *settings)
-{
+void csm_settings_canonical(csm_settings *settings) {
     int *effects = settings->effects;
     bool automatic = effects[CSM_EFFECT_BIAS] == CSM_BIAS_AUTO;
     bool two_by_two =
@@ -135,22 +132,19 @@ void csm_settings_canonical(csm_settings *settings)
     effects[CSM_EFFECT_NORMAL_OFFSET] = settings->normal_offset_texels != 0.0;
 }
 
-int csm_settings_kernel_radius(const csm_settings *settings)
-{
+int csm_settings_kernel_radius(const csm_settings *settings) {
     if (settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
         return 0;
     }
     return settings->effects[CSM_EFFECT_FILTER_SIZE] / 2;
 }
 
-double csm_depth_quantum(int depth_format)
-{
+double csm_depth_quantum(int depth_format) {
     /* 32F holds [0.5, 1) in steps of 2^-24, the same as 24 bits over the whole range */
     return depth_format == CSM_DEPTH_D16 ? 1.0 / 65535.0 : ldexp(1.0, -24);
 }
 
-csm_bias csm_settings_bias(const csm_settings *settings)
-{
+csm_bias csm_settings_bias(const csm_settings *settings) {
     const int *effects = settings->effects;
     if (effects[CSM_EFFECT_BIAS] == CSM_BIAS_MANUAL) {
         return (csm_bias){
@@ -160,11 +154,11 @@ csm_bias csm_settings_bias(const csm_settings *settings)
             .normal_offset_texels = settings->normal_offset_texels,
         };
     }
-    /* SPEC 1.13: at the fetched texel's centre the receiver's plane is exact but for half a quantum and
-     * float32 rounding (4 ulp of the range); a quarter texel of slope covers meshes, whose facet at the
-     * texel's centre may be another. Far from the eye or the origin the receiver's own float32 position is
-     * coarser than a quantum. The hardware's 2x2 compare has one reference depth for four texels,
-     * up to a whole texel away along each axis. */
+    /* SPEC 1.13: at the fetched texel's centre the receiver's plane is exact but for half a quantum
+     * and float32 rounding (4 ulp of the range); a quarter texel of slope covers meshes, whose
+     * facet at the texel's centre may be another. Far from the eye or the origin the receiver's own
+     * float32 position is coarser than a quantum. The hardware's 2x2 compare has one reference
+     * depth for four texels, up to a whole texel away along each axis. */
     bool two_by_two =
         effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
     double quantum = csm_depth_quantum(effects[CSM_EFFECT_DEPTH_FORMAT]);

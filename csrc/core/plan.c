@@ -33,25 +33,24 @@ static const struct {
     {"NORMAL", CSM_OUT_NORMAL},
 };
 
-const char *csm_pass_name(csm_pass pass) { return passes[pass].name; }
+const char *csm_pass_name(csm_pass pass) {
+    return passes[pass].name;
+}
 
 /* 0 where the pass does not see the effect, so that a sweep over it compiles nothing. */
-static int seen(csm_pass pass, const csm_settings *canonical, int effect)
-{
+static int seen(csm_pass pass, const csm_settings *canonical, int effect) {
     bool visible = csm_effect_describe(effect)->passes & passes[pass].effects;
     return visible ? canonical->effects[effect] : 0;
 }
 
-static uint64_t hash(uint64_t key, uint64_t value)
-{
+static uint64_t hash(uint64_t key, uint64_t value) {
     for (int byte = 0; byte < 8; byte++) { /* FNV-1a */
         key = (key ^ ((value >> (8 * byte)) & 0xffu)) * 0x100000001b3u;
     }
     return key;
 }
 
-uint64_t csm_program_key(csm_pass pass, const csm_settings *canonical, unsigned outputs)
-{
+uint64_t csm_program_key(csm_pass pass, const csm_settings *canonical, unsigned outputs) {
     uint64_t key = hash(0xcbf29ce484222325u, (uint64_t)pass);
     for (int effect = 0; effect < CSM_EFFECT_COUNT; effect++) {
         key = hash(key, (uint64_t)seen(pass, canonical, effect));
@@ -64,16 +63,15 @@ typedef struct text_out {
     size_t size, length;
 } text_out;
 
-static void define(text_out *out, const char *group, const char *name, size_t name_length, int value)
-{
+static void define(text_out *out, const char *group, const char *name, size_t name_length,
+                   int value) {
     size_t room = out->length < out->size ? out->size - out->length : 0;
     char *at = room ? out->text + out->length : NULL;
     out->length += (size_t)snprintf(at, room, "#define CSM_%s%s%.*s %d\n", group, *group ? "_" : "",
                                     (int)name_length, name, value);
 }
 
-static void define_choices(text_out *out, const csm_effect_info *row)
-{
+static void define_choices(text_out *out, const csm_effect_info *row) {
     int value = 0;
     for (const char *at = row->choices; *at; value++) {
         size_t length = strcspn(at, " ");
@@ -87,8 +85,7 @@ static void define_choices(text_out *out, const csm_effect_info *row)
 }
 
 size_t csm_program_defines(csm_pass pass, const csm_settings *canonical, unsigned outputs,
-                           char *text, size_t size)
-{
+                           char *text, size_t size) {
     text_out out = {text, size, 0};
     for (int effect = 0; effect < CSM_EFFECT_COUNT; effect++) {
         const csm_effect_info *row = csm_effect_describe(effect);
@@ -103,8 +100,7 @@ size_t csm_program_defines(csm_pass pass, const csm_settings *canonical, unsigne
     return out.length;
 }
 
-static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_settings *canonical)
-{
+static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_settings *canonical) {
     uint64_t key = csm_program_key(pass, canonical, plan->outputs);
     plan->steps[plan->step_count++] = (csm_plan_step){pass, cascade, key};
     for (int i = 0; i < plan->program_count; i++) {
@@ -117,8 +113,7 @@ static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_setti
 }
 
 static void add_texture(csm_plan *plan, const char *name, const char *format, int width, int height,
-                        int layers, int texel_bytes)
-{
+                        int layers, int texel_bytes) {
     csm_plan_texture *texture = &plan->textures[plan->texture_count++];
     snprintf(texture->name, sizeof texture->name, "%s", name);
     snprintf(texture->format, sizeof texture->format, "%s", format);
@@ -130,8 +125,7 @@ static void add_texture(csm_plan *plan, const char *name, const char *format, in
 }
 
 /* What the mask pass writes and the host reads, per pixel. */
-static uint64_t output_bytes(unsigned outputs)
-{
+static uint64_t output_bytes(unsigned outputs) {
     uint64_t bytes = outputs & CSM_OUT_MASK ? 4 : 0;
     bytes += outputs & (CSM_OUT_VALID | CSM_OUT_CASCADE_INDEX) ? 4 : 0; /* packed in one word */
     bytes += outputs & CSM_OUT_VIEW_DEPTH ? 4 : 0;
@@ -140,13 +134,12 @@ static uint64_t output_bytes(unsigned outputs)
 }
 
 csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
-                         csm_plan *out, csm_error *err)
-{
+                         csm_plan *out, csm_error *err) {
     static const struct {
         const char *name;
         int bytes;
-    } formats[] = {[CSM_DEPTH_D32F] = {"d32f", 4}, [CSM_DEPTH_D24] = {"d24", 4},
-                   [CSM_DEPTH_D16] = {"d16", 2}};
+    } formats[] = {
+        [CSM_DEPTH_D32F] = {"d32f", 4}, [CSM_DEPTH_D24] = {"d24", 4}, [CSM_DEPTH_D16] = {"d16", 2}};
     csm_settings canonical = *settings;
     csm_settings_canonical(&canonical);
     int count = canonical.effects[CSM_EFFECT_CASCADE_COUNT];

@@ -1,8 +1,10 @@
-/* scene.c: meshes and instances to what is drawn: origin-relative float32 positions, triangles sorted
- * into compact chunks, the plane of every triangle, and one culling box per chunk and instance.
+/* scene.c: meshes and instances to what is drawn: origin-relative float32 positions, triangles
+ * sorted into compact chunks, the plane of every triangle, and one culling box per chunk and
+ * instance.
  *
- * In: double positions and transforms. Out: csm_geometry. What is rounded to float32 here is what the GPU
- * rasterises and what the ray-traced truth must round alike (positions minus the scene's origin).
+ * In: double positions and transforms. Out: csm_geometry. What is rounded to float32 here is what
+ * the GPU rasterises and what the ray-traced truth must round alike (positions minus the scene's
+ * origin).
  */
 #include "csm.h"
 
@@ -11,8 +13,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Small enough that a chunk is compact against a cascade, large enough that a million triangles make
- * some thousand boxes: culling all of them stays below a tenth of a millisecond per cascade. */
+/* Small enough that a chunk is compact against a cascade, large enough that a million triangles
+ * make some thousand boxes: culling all of them stays below a tenth of a millisecond per cascade.
+ */
 #define CHUNK_TRIANGLES 192u
 #define MORTON_BITS 10
 
@@ -29,30 +32,27 @@ typedef struct mesh_use {
 /* Everything a build needs beside its input and output. */
 typedef struct scene_build {
     const csm_scene_desc *desc;
-    mesh_use *uses;       /* one per mesh */
-    int32_t *order;       /* instances, grouped by mesh */
-    int32_t *row;         /* row of csm_geometry.instances, one per instance */
-    sort_key *keys;       /* triangles of the mesh at hand */
+    mesh_use *uses;         /* one per mesh */
+    int32_t *order;         /* instances, grouped by mesh */
+    int32_t *row;           /* row of csm_geometry.instances, one per instance */
+    sort_key *keys;         /* triangles of the mesh at hand */
     uint32_t *vertex_place; /* where its vertices went, UINT32_MAX: nowhere yet */
     csm_geometry *out;
-    size_t chunk, item;   /* written so far */
+    size_t chunk, item; /* written so far */
 } scene_build;
 
-static void transform_point(const double m[16], const double p[3], double out[3])
-{
+static void transform_point(const double m[16], const double p[3], double out[3]) {
     for (int row = 0; row < 3; row++) {
         out[row] = m[row] * p[0] + m[4 + row] * p[1] + m[8 + row] * p[2] + m[12 + row];
     }
 }
 
-static double determinant(const double m[16])
-{
+static double determinant(const double m[16]) {
     return m[0] * (m[5] * m[10] - m[9] * m[6]) - m[4] * (m[1] * m[10] - m[9] * m[2]) +
            m[8] * (m[1] * m[6] - m[5] * m[2]);
 }
 
-static bool all_finite(const double *values, size_t count)
-{
+static bool all_finite(const double *values, size_t count) {
     for (size_t i = 0; i < count; i++) {
         if (!isfinite(values[i])) {
             return false;
@@ -61,8 +61,7 @@ static bool all_finite(const double *values, size_t count)
     return true;
 }
 
-static csm_status check_mesh(const csm_mesh_view *mesh, int number, csm_error *err)
-{
+static csm_status check_mesh(const csm_mesh_view *mesh, int number, csm_error *err) {
     if (!mesh->vertex_count || !mesh->triangle_count) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
                         "mesh %d must have vertices and triangles (got %zu and %zu)", number,
@@ -82,8 +81,7 @@ static csm_status check_mesh(const csm_mesh_view *mesh, int number, csm_error *e
     return CSM_OK;
 }
 
-static csm_status check_scene(const csm_scene_desc *desc, csm_error *err)
-{
+static csm_status check_scene(const csm_scene_desc *desc, csm_error *err) {
     if (desc->mesh_count < 1 || desc->instance_count < 1) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
                         "a scene must have at least one mesh and one instance (got %d and %d)",
@@ -110,8 +108,7 @@ static csm_status check_scene(const csm_scene_desc *desc, csm_error *err)
     return CSM_OK;
 }
 
-static uint32_t spread_bits(uint32_t x)
-{
+static uint32_t spread_bits(uint32_t x) {
     uint32_t out = 0;
     for (int bit = 0; bit < MORTON_BITS; bit++) {
         out |= ((x >> bit) & 1u) << (3 * bit);
@@ -119,8 +116,7 @@ static uint32_t spread_bits(uint32_t x)
     return out;
 }
 
-static int by_code(const void *a, const void *b)
-{
+static int by_code(const void *a, const void *b) {
     const sort_key *ka = a, *kb = b;
     if (ka->code != kb->code) {
         return ka->code < kb->code ? -1 : 1;
@@ -128,24 +124,21 @@ static int by_code(const void *a, const void *b)
     return ka->triangle < kb->triangle ? -1 : ka->triangle > kb->triangle;
 }
 
-static void grow(double bounds[6], const double p[3])
-{
+static void grow(double bounds[6], const double p[3]) {
     for (int axis = 0; axis < 3; axis++) {
         bounds[axis] = fmin(bounds[axis], p[axis]);
         bounds[3 + axis] = fmax(bounds[3 + axis], p[axis]);
     }
 }
 
-static void empty_bounds(double bounds[6])
-{
+static void empty_bounds(double bounds[6]) {
     for (int axis = 0; axis < 3; axis++) {
         bounds[axis] = INFINITY;
         bounds[3 + axis] = -INFINITY;
     }
 }
 
-static void mesh_bounds(const csm_mesh_view *mesh, double bounds[6])
-{
+static void mesh_bounds(const csm_mesh_view *mesh, double bounds[6]) {
     empty_bounds(bounds);
     for (size_t v = 0; v < mesh->vertex_count; v++) {
         grow(bounds, mesh->positions + 3 * v);
@@ -153,8 +146,7 @@ static void mesh_bounds(const csm_mesh_view *mesh, double bounds[6])
 }
 
 /* Order of the mesh's triangles along a Morton curve of their centroids. */
-static void sort_triangles(const csm_mesh_view *mesh, sort_key *keys)
-{
+static void sort_triangles(const csm_mesh_view *mesh, sort_key *keys) {
     double bounds[6];
     mesh_bounds(mesh, bounds);
     double extent = fmax(bounds[3] - bounds[0], fmax(bounds[4] - bounds[1], bounds[5] - bounds[2]));
@@ -174,8 +166,7 @@ static void sort_triangles(const csm_mesh_view *mesh, sort_key *keys)
 }
 
 /* Unit normal and offset of a triangle from its rounded corners: the plane that is rasterised. */
-static void plane_of(const float *a, const float *b, const float *c, float out[4])
-{
+static void plane_of(const float *a, const float *b, const float *c, float out[4]) {
     double e[3], f[3], n[3];
     for (int axis = 0; axis < 3; axis++) {
         e[axis] = (double)b[axis] - a[axis];
@@ -199,8 +190,7 @@ static void plane_of(const float *a, const float *b, const float *c, float out[4
 }
 
 /* Position relative to the scene's origin, or to the mesh's pivot if it is stored once for many. */
-static void write_vertex(const scene_build *build, int mesh_number, int32_t vertex, float out[3])
-{
+static void write_vertex(const scene_build *build, int mesh_number, int32_t vertex, float out[3]) {
     const mesh_use *use = &build->uses[mesh_number];
     const double *local = build->desc->meshes[mesh_number].positions + 3 * (size_t)vertex;
     double p[3];
@@ -218,8 +208,7 @@ static void write_vertex(const scene_build *build, int mesh_number, int32_t vert
 
 /* World box of a run of triangles, widened by the rounding to float32 relative to the origin. */
 static void item_bounds(const scene_build *build, const csm_mesh_view *mesh, size_t first,
-                        size_t count, const double world_from_mesh[16], double bounds[6])
-{
+                        size_t count, const double world_from_mesh[16], double bounds[6]) {
     empty_bounds(bounds);
     for (size_t t = first; t < first + count; t++) {
         for (int corner = 0; corner < 3; corner++) {
@@ -237,8 +226,7 @@ static void item_bounds(const scene_build *build, const csm_mesh_view *mesh, siz
     }
 }
 
-static void write_instances(const scene_build *build)
-{
+static void write_instances(const scene_build *build) {
     const csm_scene_desc *desc = build->desc;
     const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     memcpy(build->out->instances, identity, sizeof identity);
@@ -264,8 +252,7 @@ static void write_instances(const scene_build *build)
     build->out->instance_count = rows;
 }
 
-static csm_status allocate(const scene_build *build, csm_error *err)
-{
+static csm_status allocate(const scene_build *build, csm_error *err) {
     csm_geometry *out = build->out;
     size_t instances = 1, vertices = 0;
     for (int m = 0; m < build->desc->mesh_count; m++) {
@@ -283,9 +270,10 @@ static csm_status allocate(const scene_build *build, csm_error *err)
     }
     vertices += out->triangle_count; /* at most: every vertex and a copy for every triangle */
     if (vertices > UINT32_MAX / 3 || out->item_count > UINT32_MAX) {
-        return csm_fail(err, CSM_ERROR_LIMIT,
-                        "a scene may hold at most %u vertices and triangles together (got %zu and %zu)",
-                        UINT32_MAX / 3, vertices - out->triangle_count, out->triangle_count);
+        return csm_fail(
+            err, CSM_ERROR_LIMIT,
+            "a scene may hold at most %u vertices and triangles together (got %zu and %zu)",
+            UINT32_MAX / 3, vertices - out->triangle_count, out->triangle_count);
     }
     out->vertex_count = out->triangle_count;
     out->positions = malloc(vertices * 3 * sizeof *out->positions);
@@ -302,12 +290,11 @@ static csm_status allocate(const scene_build *build, csm_error *err)
     return CSM_OK;
 }
 
-/* Vertices and indices of one mesh. Vertex t is the last corner of triangle t and of no other, so that a
- * vertex shader knows the triangle it starts: gl_PrimitiveID costs software GL a fifth of the pass.
- * Vertices that end no triangle follow behind. Corners keep their order: another one would change the
- * last bits of what a rasteriser interpolates, with the order of the triangles. */
-static void write_triangles(scene_build *build, int mesh_number)
-{
+/* Vertices and indices of one mesh. Vertex t is the last corner of triangle t and of no other, so
+ * that a vertex shader knows the triangle it starts: gl_PrimitiveID costs software GL a fifth of
+ * the pass. Vertices that end no triangle follow behind. Corners keep their order: another one
+ * would change the last bits of what a rasteriser interpolates, with the order of the triangles. */
+static void write_triangles(scene_build *build, int mesh_number) {
     const csm_mesh_view *mesh = &build->desc->meshes[mesh_number];
     const mesh_use *use = &build->uses[mesh_number];
     csm_geometry *out = build->out;
@@ -342,8 +329,7 @@ static void write_triangles(scene_build *build, int mesh_number)
 }
 
 /* Chunks of one mesh and, for each, one item per instance. */
-static void write_chunks(scene_build *build, int mesh_number)
-{
+static void write_chunks(scene_build *build, int mesh_number) {
     const csm_mesh_view *mesh = &build->desc->meshes[mesh_number];
     const mesh_use *use = &build->uses[mesh_number];
     csm_geometry *out = build->out;
@@ -369,8 +355,7 @@ static void write_chunks(scene_build *build, int mesh_number)
 }
 
 /* Who uses which mesh, and where each mesh's vertices, triangles and instances begin. */
-static void count_uses(const scene_build *build)
-{
+static void count_uses(const scene_build *build) {
     const csm_scene_desc *desc = build->desc;
     size_t triangle = 0;
     int32_t place = 0;
@@ -396,8 +381,7 @@ static void count_uses(const scene_build *build)
     }
 }
 
-csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm_error *err)
-{
+csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm_error *err) {
     csm_status status = check_scene(desc, err);
     if (status != CSM_OK) {
         return status;
@@ -448,8 +432,7 @@ done:
     return status;
 }
 
-void csm_geometry_destroy(csm_geometry *geometry)
-{
+void csm_geometry_destroy(csm_geometry *geometry) {
     free(geometry->positions);
     free(geometry->indices);
     free(geometry->planes);

@@ -1,8 +1,9 @@
 /* shader_source.c: one text out of a shader file, its includes and the defines of its pass.
  *
- * In: names of files, read through a callback. Out: flat text without #line (Mesa 22 ignores its source
- * number) and a table from every flat line to its file and line, by which program.c rewrites driver logs.
- * Each file is included once per program; a file that includes itself on the way is an error.
+ * In: names of files, read through a callback. Out: flat text without #line (Mesa 22 ignores its
+ * source number) and a table from every flat line to its file and line, by which program.c rewrites
+ * driver logs. Each file is included once per program; a file that includes itself on the way is an
+ * error.
  */
 #include "csm.h"
 
@@ -22,14 +23,12 @@ typedef struct source_build {
     csm_error *err;
 } source_build;
 
-static csm_status out_of_memory(source_build *build)
-{
+static csm_status out_of_memory(source_build *build) {
     return csm_fail(build->err, CSM_ERROR_OUT_OF_MEMORY, "no memory for shader text");
 }
 
-static csm_status append_line(source_build *build, const char *text, size_t length, const char *file,
-                              int line)
-{
+static csm_status append_line(source_build *build, const char *text, size_t length,
+                              const char *file, int line) {
     csm_shader_source *out = build->out;
     if (build->text_size + length + 2 > build->text_room) {
         size_t room = 2 * (build->text_room + length + 1024);
@@ -57,8 +56,7 @@ static csm_status append_line(source_build *build, const char *text, size_t leng
     return CSM_OK;
 }
 
-static csm_status append_text(source_build *build, const char *text, const char *file)
-{
+static csm_status append_text(source_build *build, const char *text, const char *file) {
     int line = 1;
     while (*text) {
         size_t length = strcspn(text, "\n");
@@ -71,9 +69,10 @@ static csm_status append_text(source_build *build, const char *text, const char 
     return CSM_OK;
 }
 
-/* The file's name as owned by the result, or NULL if it was there before (*known) or memory is out. */
-static const char *remember_file(csm_shader_source *out, const char *name, size_t length, bool *known)
-{
+/* The file's name as owned by the result, or NULL if it was there before (*known) or memory is out.
+ */
+static const char *remember_file(csm_shader_source *out, const char *name, size_t length,
+                                 bool *known) {
     *known = false;
     for (size_t i = 0; i < out->file_count; i++) {
         if (strlen(out->files[i]) == length && !strncmp(out->files[i], name, length)) {
@@ -97,8 +96,7 @@ static const char *remember_file(csm_shader_source *out, const char *name, size_
 }
 
 /* Start and length of the quoted name if the line is an #include. */
-static const char *include_name(const char *line, size_t length, size_t *name_length)
-{
+static const char *include_name(const char *line, size_t length, size_t *name_length) {
     static const char word[] = "#include \"";
     size_t word_length = sizeof word - 1;
     if (length < word_length + 1 || strncmp(line, word, word_length)) {
@@ -113,11 +111,11 @@ static const char *include_name(const char *line, size_t length, size_t *name_le
     return name;
 }
 
-static csm_status append_file(source_build *build, const char *name, const char *from, int from_line);
+static csm_status append_file(source_build *build, const char *name, const char *from,
+                              int from_line);
 
 static csm_status append_include(source_build *build, const char *name, size_t length,
-                                 const char *from, int line)
-{
+                                 const char *from, int line) {
     for (int i = 0; i < build->depth; i++) {
         if (strlen(build->open[i]) == length && !strncmp(build->open[i], name, length)) {
             return csm_fail(build->err, CSM_ERROR_SHADER, "%s:%d: %.*s includes itself", from, line,
@@ -132,11 +130,11 @@ static csm_status append_include(source_build *build, const char *name, size_t l
     return file ? append_file(build, file, from, line) : out_of_memory(build);
 }
 
-static csm_status append_file(source_build *build, const char *name, const char *from, int from_line)
-{
+static csm_status append_file(source_build *build, const char *name, const char *from,
+                              int from_line) {
     if (build->depth == MAX_DEPTH) {
-        return csm_fail(build->err, CSM_ERROR_SHADER, "%s:%d: includes are nested deeper than %d", from,
-                        from_line, MAX_DEPTH);
+        return csm_fail(build->err, CSM_ERROR_SHADER, "%s:%d: includes are nested deeper than %d",
+                        from, from_line, MAX_DEPTH);
     }
     char *text = NULL;
     if (!build->read(build->user, name, &text)) {
@@ -160,8 +158,7 @@ static csm_status append_file(source_build *build, const char *name, const char 
 }
 
 csm_status csm_shader_source_load(const char *name, const char *defines, csm_read_callback read,
-                                  void *user, csm_shader_source *out, csm_error *err)
-{
+                                  void *user, csm_shader_source *out, csm_error *err) {
     memset(out, 0, sizeof *out);
     source_build build = {.out = out, .read = read, .user = user, .err = err};
     bool known;
@@ -179,8 +176,7 @@ csm_status csm_shader_source_load(const char *name, const char *defines, csm_rea
     return status;
 }
 
-void csm_shader_source_destroy(csm_shader_source *source)
-{
+void csm_shader_source_destroy(csm_shader_source *source) {
     for (size_t i = 0; i < source->file_count; i++) {
         free(source->files[i]);
     }

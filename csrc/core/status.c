@@ -15,21 +15,25 @@ static const struct {
 };
 
 /* Statuses are 0, -1, -2, ... in the order of the table. */
-static int row_of(csm_status status)
-{
+static int row_of(csm_status status) {
     int row = -(int)status;
     int count = (int)(sizeof statuses / sizeof *statuses);
     return row >= 0 && row < count ? row : 1;
 }
 
-const char *csm_status_name(csm_status status) { return statuses[row_of(status)].name; }
+const char *csm_status_name(csm_status status) {
+    return statuses[row_of(status)].name;
+}
 
-const char *csm_status_exception(csm_status status) { return statuses[row_of(status)].exception; }
+const char *csm_status_exception(csm_status status) {
+    return statuses[row_of(status)].exception;
+}
 
-const char *csm_status_text(csm_status status) { return statuses[row_of(status)].text; }
+const char *csm_status_text(csm_status status) {
+    return statuses[row_of(status)].text;
+}
 
-csm_status csm_fail(csm_error *err, csm_status status, const char *format, ...)
-{
+csm_status csm_fail(csm_error *err, csm_status status, const char *format, ...) {
     if (err) {
         va_list arguments;
         va_start(arguments, format);
@@ -40,8 +44,7 @@ csm_status csm_fail(csm_error *err, csm_status status, const char *format, ...)
     return status;
 }
 
-void csm_fail_more(csm_error *err, const char *format, ...)
-{
+void csm_fail_more(csm_error *err, const char *format, ...) {
     if (!err) {
         return;
     }

@@ -1,7 +1,7 @@
 /* context.c: one interface over three back ends, and the binding a thread had before ours.
  *
- * Libraries are opened when a context is asked for, so importing csm needs none of them, and stay open:
- * drivers keep threads and thread-local state that does not survive dlclose.
+ * Libraries are opened when a context is asked for, so importing csm needs none of them, and stay
+ * open: drivers keep threads and thread-local state that does not survive dlclose.
  */
 #include "gl_internal.h"
 
@@ -14,14 +14,12 @@ static const csm_backend *const backends[CSM_BACKEND_COUNT] = {
     [CSM_BACKEND_GLFW] = &csm_backend_glfw,
 };
 
-const char *csm_backend_name(int backend)
-{
+const char *csm_backend_name(int backend) {
     static const char *const names[CSM_BACKEND_COUNT] = {"egl", "osmesa", "glfw"};
     return backend >= 0 && backend < CSM_BACKEND_COUNT ? names[backend] : "unknown";
 }
 
-void *csm_library_open(const char *const *names, csm_error *err)
-{
+void *csm_library_open(const char *const *names, csm_error *err) {
     const char *first = *names;
     for (; *names; names++) {
         void *library = dlopen(*names, RTLD_NOW | RTLD_LOCAL);
@@ -33,8 +31,7 @@ void *csm_library_open(const char *const *names, csm_error *err)
     return NULL;
 }
 
-csm_status csm_context_open(csm_context *context, int backend, bool debug, csm_error *err)
-{
+csm_status csm_context_open(csm_context *context, int backend, bool debug, csm_error *err) {
     if (backend < 0 || backend >= CSM_BACKEND_COUNT) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT, "backend must be 0 to %d (got %d)",
                         CSM_BACKEND_COUNT - 1, backend);
@@ -44,23 +41,27 @@ csm_status csm_context_open(csm_context *context, int backend, bool debug, csm_e
     return backends[backend]->open(context, debug, err);
 }
 
-bool csm_context_bind(csm_context *context) { return backends[context->backend]->bind(context); }
+bool csm_context_bind(csm_context *context) {
+    return backends[context->backend]->bind(context);
+}
 
-void csm_context_unbind(csm_context *context) { backends[context->backend]->unbind(context); }
+void csm_context_unbind(csm_context *context) {
+    backends[context->backend]->unbind(context);
+}
 
-void csm_context_close(csm_context *context)
-{
+void csm_context_close(csm_context *context) {
     if (context->handle) {
         backends[context->backend]->close(context);
     }
     memset(context, 0, sizeof *context);
 }
 
-csm_gl_function csm_context_load(int backend, const char *name) { return backends[backend]->load(name); }
+csm_gl_function csm_context_load(int backend, const char *name) {
+    return backends[backend]->load(name);
+}
 
 /* A function of a library that somebody has loaded already; NULL if nobody has. */
-static void *loaded_function(const char *library_name, const char *function)
-{
+static void *loaded_function(const char *library_name, const char *function) {
     void *library = dlopen(library_name, RTLD_NOW | RTLD_NOLOAD);
     if (!library) {
         return NULL;
@@ -83,8 +84,7 @@ typedef int (*glx_make_current)(void *display, unsigned long drawable, void *con
 typedef unsigned char (*osmesa_color_buffer)(void *, int *, int *, int *, void **);
 typedef unsigned char (*osmesa_make_current)(void *, void *, unsigned, int, int);
 
-static void save_egl(csm_saved_binding *saved)
-{
+static void save_egl(csm_saved_binding *saved) {
     get_pointer context = LOADED(get_pointer, EGL_LIBRARY, "eglGetCurrentContext");
     get_pointer display = LOADED(get_pointer, EGL_LIBRARY, "eglGetCurrentDisplay");
     get_surface surface = LOADED(get_surface, EGL_LIBRARY, "eglGetCurrentSurface");
@@ -95,8 +95,7 @@ static void save_egl(csm_saved_binding *saved)
     }
 }
 
-static void save_glx(csm_saved_binding *saved)
-{
+static void save_glx(csm_saved_binding *saved) {
     get_pointer context = LOADED(get_pointer, GLX_LIBRARY, "glXGetCurrentContext");
     get_pointer display = LOADED(get_pointer, GLX_LIBRARY, "glXGetCurrentDisplay");
     get_drawable drawable = LOADED(get_drawable, GLX_LIBRARY, "glXGetCurrentDrawable");
@@ -106,8 +105,7 @@ static void save_glx(csm_saved_binding *saved)
     }
 }
 
-static void save_osmesa(csm_saved_binding *saved)
-{
+static void save_osmesa(csm_saved_binding *saved) {
     get_pointer context = LOADED(get_pointer, OSMESA_LIBRARY, "OSMesaGetCurrentContext");
     osmesa_color_buffer buffer =
         LOADED(osmesa_color_buffer, OSMESA_LIBRARY, "OSMesaGetColorBuffer");
@@ -119,16 +117,14 @@ static void save_osmesa(csm_saved_binding *saved)
     }
 }
 
-void csm_binding_save(csm_saved_binding *saved)
-{
+void csm_binding_save(csm_saved_binding *saved) {
     memset(saved, 0, sizeof *saved);
     save_egl(saved);
     save_glx(saved);
     save_osmesa(saved);
 }
 
-void csm_binding_restore(const csm_saved_binding *saved)
-{
+void csm_binding_restore(const csm_saved_binding *saved) {
     if (saved->egl_context) {
         egl_make_current bind = LOADED(egl_make_current, EGL_LIBRARY, "eglMakeCurrent");
         bind(saved->egl_display, saved->egl_draw, saved->egl_read, saved->egl_context);

@@ -1,5 +1,5 @@
-/* context_egl.c: EGL without a window: the device platform of a GPU if there is one, Mesa's surfaceless
- * platform otherwise, any device as the last resort.
+/* context_egl.c: EGL without a window: the device platform of a GPU if there is one, Mesa's
+ * surfaceless platform otherwise, any device as the last resort.
  */
 #include "gl_internal.h"
 
@@ -39,14 +39,12 @@ static struct {
     const char *(*QueryDeviceStringEXT)(egl_handle, egl_int);
 } egl; /* function pointers of one library: written once with the same values by whoever is first */
 
-static void load_extension(const char *name, void *slot)
-{
+static void load_extension(const char *name, void *slot) {
     csm_gl_function function = egl.GetProcAddress(name);
     memcpy(slot, &function, sizeof function);
 }
 
-static csm_status load_library(csm_error *err)
-{
+static csm_status load_library(csm_error *err) {
     static const char *const names[] = {"libEGL.so.1", "libEGL.so", NULL};
     static const struct {
         const char *name;
@@ -80,8 +78,8 @@ static csm_status load_library(csm_error *err)
     return CSM_OK;
 }
 
-static csm_status make_context(csm_context *context, egl_handle display, bool debug, csm_error *err)
-{
+static csm_status make_context(csm_context *context, egl_handle display, bool debug,
+                               csm_error *err) {
     static const egl_int minors[] = {6, 5};
     if (!display || !egl.Initialize(display, NULL, NULL)) {
         return csm_fail(err, CSM_ERROR_NO_CONTEXT, "eglInitialize failed (0x%04x)", egl.GetError());
@@ -113,20 +111,18 @@ static csm_status make_context(csm_context *context, egl_handle display, bool de
                     egl.GetError());
 }
 
-static bool is_software(egl_handle device)
-{
+static bool is_software(egl_handle device) {
     const char *extensions =
         egl.QueryDeviceStringEXT ? egl.QueryDeviceStringEXT(device, EGL_EXTENSIONS) : NULL;
     return !extensions || strstr(extensions, "EGL_MESA_device_software");
 }
 
 /* Tries the devices of one kind; the software one is not a GPU's. */
-static csm_status open_device(csm_context *context, bool software, bool debug, csm_error *err)
-{
+static csm_status open_device(csm_context *context, bool software, bool debug, csm_error *err) {
     egl_handle devices[MAX_DEVICES];
     egl_int count = 0;
-    csm_status status = csm_fail(err, CSM_ERROR_NO_CONTEXT, "no %s EGL device",
-                                 software ? "software" : "hardware");
+    csm_status status =
+        csm_fail(err, CSM_ERROR_NO_CONTEXT, "no %s EGL device", software ? "software" : "hardware");
     if (!egl.QueryDevicesEXT || !egl.QueryDevicesEXT(MAX_DEVICES, devices, &count)) {
         return status;
     }
@@ -140,8 +136,7 @@ static csm_status open_device(csm_context *context, bool software, bool debug, c
     return status;
 }
 
-static csm_status open_egl(csm_context *context, bool debug, csm_error *err)
-{
+static csm_status open_egl(csm_context *context, bool debug, csm_error *err) {
     csm_error hardware = {0}, surfaceless = {0}, software = {0};
     csm_status status = load_library(err);
     if (status != CSM_OK) {
@@ -160,27 +155,28 @@ static csm_status open_egl(csm_context *context, bool debug, csm_error *err)
         snprintf(context->platform, sizeof context->platform, "software device");
         return CSM_OK;
     }
-    return csm_fail(err, CSM_ERROR_NO_CONTEXT, "device: %.200s; surfaceless: %.200s; software: %.200s",
-                    hardware.text, surfaceless.text, software.text);
+    return csm_fail(err, CSM_ERROR_NO_CONTEXT,
+                    "device: %.200s; surfaceless: %.200s; software: %.200s", hardware.text,
+                    surfaceless.text, software.text);
 }
 
-static bool bind_egl(csm_context *context)
-{
+static bool bind_egl(csm_context *context) {
     egl.BindAPI(EGL_OPENGL_API); /* the bound API is a state of the thread */
     return egl.MakeCurrent(context->display, NULL, NULL, context->handle);
 }
 
-static void unbind_egl(csm_context *context)
-{
+static void unbind_egl(csm_context *context) {
     egl.MakeCurrent(context->display, NULL, NULL, NULL);
 }
 
-static void close_egl(csm_context *context)
-{
-    /* the display is the process's own, shared with every other user of EGL: it stays initialised */
+static void close_egl(csm_context *context) {
+    /* the display is the process's own, shared with every other user of EGL: it stays initialised
+     */
     egl.DestroyContext(context->display, context->handle);
 }
 
-static csm_gl_function load_egl(const char *name) { return egl.GetProcAddress(name); }
+static csm_gl_function load_egl(const char *name) {
+    return egl.GetProcAddress(name);
+}
 
 const csm_backend csm_backend_egl = {open_egl, bind_egl, unbind_egl, close_egl, load_egl};

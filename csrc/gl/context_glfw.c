@@ -1,7 +1,7 @@
 /* context_glfw.c: a hidden window through GLFW, for machines whose only driver needs a display.
  *
- * Windows must be opened and closed on the main thread (GLFW's rule, checked by the caller); drawing may
- * happen on any.
+ * Windows must be opened and closed on the main thread (GLFW's rule, checked by the caller);
+ * drawing may happen on any.
  */
 #include "gl_internal.h"
 
@@ -29,8 +29,7 @@ static struct {
     csm_gl_function (*GetProcAddress)(const char *);
 } glfw; /* as in context_egl.c */
 
-static csm_status load_library(csm_error *err)
-{
+static csm_status load_library(csm_error *err) {
     static const char *const names[] = {"libglfw.so.3", "libglfw.so", NULL};
     static const struct {
         const char *name;
@@ -60,15 +59,13 @@ static csm_status load_library(csm_error *err)
     return CSM_OK;
 }
 
-static csm_status fail_glfw(const char *what, csm_error *err)
-{
+static csm_status fail_glfw(const char *what, csm_error *err) {
     const char *text = NULL;
     glfw.GetError(&text);
     return csm_fail(err, CSM_ERROR_NO_CONTEXT, "%s: %s", what, text ? text : "no reason given");
 }
 
-static csm_status open_glfw(csm_context *context, bool debug, csm_error *err)
-{
+static csm_status open_glfw(csm_context *context, bool debug, csm_error *err) {
     csm_status status = load_library(err);
     if (status != CSM_OK) {
         return status;
@@ -90,20 +87,22 @@ static csm_status open_glfw(csm_context *context, bool debug, csm_error *err)
     return CSM_OK;
 }
 
-static bool bind_glfw(csm_context *context)
-{
+static bool bind_glfw(csm_context *context) {
     glfw.MakeContextCurrent(context->handle);
     return glfw.GetCurrentContext() == context->handle;
 }
 
-static void unbind_glfw(csm_context *context)
-{
+static void unbind_glfw(csm_context *context) {
     (void)context;
     glfw.MakeContextCurrent(NULL);
 }
 
-static void close_glfw(csm_context *context) { glfw.DestroyWindow(context->handle); }
+static void close_glfw(csm_context *context) {
+    glfw.DestroyWindow(context->handle);
+}
 
-static csm_gl_function load_glfw(const char *name) { return glfw.GetProcAddress(name); }
+static csm_gl_function load_glfw(const char *name) {
+    return glfw.GetProcAddress(name);
+}
 
 const csm_backend csm_backend_glfw = {open_glfw, bind_glfw, unbind_glfw, close_glfw, load_glfw};

@@ -22,8 +22,7 @@ static struct {
     csm_gl_function (*GetProcAddress)(const char *);
 } osmesa; /* as in context_egl.c */
 
-static csm_status load_library(csm_error *err)
-{
+static csm_status load_library(csm_error *err) {
     static const char *const names[] = {"libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so", NULL};
     void *library = csm_library_open(names, err);
     if (!library) {
@@ -40,8 +39,7 @@ static csm_status load_library(csm_error *err)
     return CSM_OK;
 }
 
-static csm_status open_osmesa(csm_context *context, bool debug, csm_error *err)
-{
+static csm_status open_osmesa(csm_context *context, bool debug, csm_error *err) {
     (void)debug; /* OSMesa has no debug flag; KHR_debug output works without it */
     csm_status status = load_library(err);
     if (status != CSM_OK) {
@@ -70,24 +68,23 @@ static csm_status open_osmesa(csm_context *context, bool debug, csm_error *err)
     return CSM_OK;
 }
 
-static bool bind_osmesa(csm_context *context)
-{
+static bool bind_osmesa(csm_context *context) {
     return osmesa.MakeCurrent(context->handle, context->pixels, GL_UNSIGNED_BYTE, SIDE, SIDE);
 }
 
-static void unbind_osmesa(csm_context *context)
-{
+static void unbind_osmesa(csm_context *context) {
     (void)context;
     osmesa.MakeCurrent(NULL, NULL, GL_UNSIGNED_BYTE, 0, 0);
 }
 
-static void close_osmesa(csm_context *context)
-{
+static void close_osmesa(csm_context *context) {
     osmesa.DestroyContext(context->handle);
     free(context->pixels);
 }
 
-static csm_gl_function load_osmesa(const char *name) { return osmesa.GetProcAddress(name); }
+static csm_gl_function load_osmesa(const char *name) {
+    return osmesa.GetProcAddress(name);
+}
 
 const csm_backend csm_backend_osmesa = {open_osmesa, bind_osmesa, unbind_osmesa, close_osmesa,
                                         load_osmesa};

@@ -1,7 +1,7 @@
 /* debug.c: driver messages into a fixed ring, labels and groups for people with a GL debugger.
  *
- * The callback runs inside the offending call, without Python's lock: it only copies. An error or a message
- * of high severity fails the call at the next check.
+ * The callback runs inside the offending call, without Python's lock: it only copies. An error or a
+ * message of high severity fails the call at the next check.
  */
 #include "gl_internal.h"
 
@@ -9,8 +9,7 @@
 #include <string.h>
 
 static void GLAD_API_PTR on_message(GLenum source, GLenum type, GLuint id, GLenum severity,
-                                    GLsizei length, const GLchar *text, const void *user)
-{
+                                    GLsizei length, const GLchar *text, const void *user) {
     (void)source;
     (void)length;
     csm_message_ring *ring = (csm_message_ring *)user;
@@ -35,8 +34,7 @@ static void GLAD_API_PTR on_message(GLenum source, GLenum type, GLuint id, GLenu
     snprintf(message->text, sizeof message->text, "%s", text);
 }
 
-void csm_debug_start(csm_renderer *renderer)
-{
+void csm_debug_start(csm_renderer *renderer) {
     const GladGLContext *gl = &renderer->gl;
     if (!renderer->debug) {
         return;
@@ -46,22 +44,19 @@ void csm_debug_start(csm_renderer *renderer)
     gl->DebugMessageCallback(on_message, &renderer->ring);
 }
 
-void csm_debug_label(csm_renderer *renderer, GLenum kind, GLuint name, const char *label)
-{
+void csm_debug_label(csm_renderer *renderer, GLenum kind, GLuint name, const char *label) {
     if (renderer->debug) {
         renderer->gl.ObjectLabel(kind, name, -1, label);
     }
 }
 
-void csm_debug_push(csm_renderer *renderer, const char *pass)
-{
+void csm_debug_push(csm_renderer *renderer, const char *pass) {
     if (renderer->debug) {
         renderer->gl.PushDebugGroup(GL_DEBUG_SOURCE_APPLICATION, 0, -1, pass);
     }
 }
 
-void csm_debug_pop(csm_renderer *renderer)
-{
+void csm_debug_pop(csm_renderer *renderer) {
     if (renderer->debug) {
         renderer->gl.PopDebugGroup();
     }
@@ -70,8 +65,7 @@ void csm_debug_pop(csm_renderer *renderer)
 /* More error flags than a driver has; one that has lost its device would report for ever. */
 #define MAX_ERROR_FLAGS 16
 
-csm_status csm_debug_check(csm_renderer *renderer, const char *pass, csm_error *err)
-{
+csm_status csm_debug_check(csm_renderer *renderer, const char *pass, csm_error *err) {
     GLenum code = renderer->gl.GetError();
     bool told = renderer->ring.failed;
     renderer->ring.failed = false;
@@ -94,8 +88,7 @@ csm_status csm_debug_check(csm_renderer *renderer, const char *pass, csm_error *
     return CSM_OK;
 }
 
-static const char *severity_name(GLenum severity)
-{
+static const char *severity_name(GLenum severity) {
     switch (severity) {
     case GL_DEBUG_SEVERITY_HIGH:
         return "high";
@@ -108,8 +101,8 @@ static const char *severity_name(GLenum severity)
     }
 }
 
-void csm_renderer_drain_messages(csm_renderer *renderer, csm_message_callback callback, void *user)
-{
+void csm_renderer_drain_messages(csm_renderer *renderer, csm_message_callback callback,
+                                 void *user) {
     csm_message_ring *ring = &renderer->ring;
     if (pthread_mutex_lock(&renderer->lock)) {
         return;

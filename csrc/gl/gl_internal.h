@@ -1,5 +1,5 @@
-/* gl_internal.h: the private structs of csrc/gl. Every function below runs with the renderer's lock held
- * and its context current, unless it says otherwise. */
+/* gl_internal.h: the private structs of csrc/gl. Every function below runs with the renderer's lock
+ * held and its context current, unless it says otherwise. */
 #ifndef CSM_GL_INTERNAL_H
 #define CSM_GL_INTERNAL_H
 
@@ -11,7 +11,8 @@
 
 typedef void (*csm_gl_function)(void);
 
-/* -- context.c: one interface over three back ends ------------------------------------------------- */
+/* -- context.c: one interface over three back ends
+ * ------------------------------------------------- */
 
 typedef struct csm_context {
     int backend;
@@ -48,11 +49,12 @@ void csm_context_unbind(csm_context *context);
 void csm_context_close(csm_context *context);
 csm_gl_function csm_context_load(int backend, const char *name);
 
-/* Opens the first library of the list that loads (names end with NULL); the reason it does not goes to
- * err. The library stays open: drivers do not survive being unloaded. */
+/* Opens the first library of the list that loads (names end with NULL); the reason it does not goes
+ * to err. The library stays open: drivers do not survive being unloaded. */
 void *csm_library_open(const char *const *names, csm_error *err);
 
-/* -- debug.c: KHR_debug into a ring --------------------------------------------------------------- */
+/* -- debug.c: KHR_debug into a ring ---------------------------------------------------------------
+ */
 
 #define CSM_RING_SIZE 64
 #define CSM_MESSAGE_SIZE 400
@@ -67,18 +69,20 @@ typedef struct csm_message_ring {
     csm_message messages[CSM_RING_SIZE];
     int first, count;
     long dropped;
-    bool failed;                   /* an error arrived since the last check */
-    char error[CSM_MESSAGE_SIZE];  /* the first one */
+    bool failed;                  /* an error arrived since the last check */
+    char error[CSM_MESSAGE_SIZE]; /* the first one */
 } csm_message_ring;
 
-/* -- program.c ------------------------------------------------------------------------------------ */
+/* -- program.c ------------------------------------------------------------------------------------
+ */
 
 typedef struct csm_program {
     uint64_t key;
     GLuint name;
 } csm_program;
 
-/* -- target.c ------------------------------------------------------------------------------------- */
+/* -- target.c -------------------------------------------------------------------------------------
+ */
 
 enum { CSM_TARGET_VIEW_IDS, CSM_TARGET_VIEW_DEPTH, CSM_TARGET_SHADOW_MAPS, CSM_TARGET_COUNT };
 
@@ -98,14 +102,15 @@ enum {
 };
 
 typedef struct csm_host_buffer {
-    GLuint name;        /* what passes write */
-    GLuint host;        /* what is mapped; the same buffer on software GL */
+    GLuint name; /* what passes write */
+    GLuint host; /* what is mapped; the same buffer on software GL */
     GLsizeiptr size;
-    GLsizeiptr used;    /* of this frame */
+    GLsizeiptr used; /* of this frame */
     const void *mapped;
 } csm_host_buffer;
 
-/* -- timer.c -------------------------------------------------------------------------------------- */
+/* -- timer.c --------------------------------------------------------------------------------------
+ */
 
 typedef struct csm_timer {
     bool queries; /* timer queries on hardware, wall clock around glFinish on software */
@@ -113,18 +118,21 @@ typedef struct csm_timer {
     double start_ms;
 } csm_timer;
 
-/* -- mesh.c --------------------------------------------------------------------------------------- */
+/* -- mesh.c ---------------------------------------------------------------------------------------
+ */
 
 struct csm_gpu_scene {
     csm_geometry geometry; /* chunks and items for culling; vertex arrays are freed after upload */
     double origin[3];
     GLuint positions, indices, planes, instances, vertex_array;
-    GLuint plane_texture; /* planes as a buffer texture: half the cost of a storage buffer on software */
+    GLuint plane_texture; /* planes as a buffer texture: half the cost of a storage buffer on
+                             software */
     uint64_t bytes;
     struct csm_gpu_scene *next;
 };
 
-/* What one pass draws: commands in a buffer; the row of each drawn instance, if the scene has any. */
+/* What one pass draws: commands in a buffer; the row of each drawn instance, if the scene has any.
+ */
 typedef struct csm_draw_list {
     GLuint commands, instances;
     GLsizei command_count;
@@ -132,29 +140,34 @@ typedef struct csm_draw_list {
     int64_t triangle_count;
 } csm_draw_list;
 
-/* -- the uniform block of shaders/include/frame.glsl ----------------------------------------------- */
+/* -- the uniform block of shaders/include/frame.glsl
+ * ----------------------------------------------- */
 
 typedef struct csm_frame_uniforms {
     float light_from_origin[3][4]; /* rows of the rotation; w unused */
     float eye_high[4], eye_low[4]; /* the eye relative to the origin, in two floats a coordinate */
     float right[4], up[4], backward[4]; /* right w: 1 for an orthographic camera */
     float to_light[4];
-    float clip_from_eye[4][4];     /* columns; reversed depth, for the view pass alone */
-    float view[4];                 /* half width, half height, near, far */
-    int32_t image[4];              /* width, height, first row of the band, number of points */
-    float bias[4];                 /* slope, normal offset [texels]; border of the kernel [texels]; roundings */
+    float clip_from_eye[4][4]; /* columns; reversed depth, for the view pass alone */
+    float view[4];             /* half width, half height, near, far */
+    int32_t image[4];          /* width, height, first row of the band, number of points */
+    float bias[4]; /* slope, normal offset [texels]; border of the kernel [texels]; roundings */
     float window[CSM_MAX_CASCADES][4]; /* texels per metre in x, y; phase in x, y [texels] */
-    float centre[CSM_MAX_CASCADES][4]; /* of the window in lattice texels; texels of its half side, side */
-    float depth[CSM_MAX_CASCADES][4];  /* scale, offset of z; constant bias [depth]; larger texel [m] */
-    float slope[CSM_MAX_CASCADES][4];  /* depth per texel at a gradient of 1 in x, y; far view
-                                          depth; least depth per texel that a bias takes */
-    float clip[CSM_MAX_CASCADES][4];   /* light x, y to clip x, y: scale, offset */
+    float centre[CSM_MAX_CASCADES]
+                [4]; /* of the window in lattice texels; texels of its half side, side */
+    float depth[CSM_MAX_CASCADES]
+               [4]; /* scale, offset of z; constant bias [depth]; larger texel [m] */
+    float slope[CSM_MAX_CASCADES][4]; /* depth per texel at a gradient of 1 in x, y; far view
+                                         depth; least depth per texel that a bias takes */
+    float clip[CSM_MAX_CASCADES][4];  /* light x, y to clip x, y: scale, offset */
 } csm_frame_uniforms;
 
-_Static_assert(sizeof(csm_frame_uniforms) == 16 * (3 + 2 + 3 + 1 + 4 + 3) + 5 * 16 * CSM_MAX_CASCADES,
+_Static_assert(sizeof(csm_frame_uniforms) ==
+                   16 * (3 + 2 + 3 + 1 + 4 + 3) + 5 * 16 * CSM_MAX_CASCADES,
                "std140 of frame.glsl has no padding");
 
-/* -- renderer.c ----------------------------------------------------------------------------------- */
+/* -- renderer.c -----------------------------------------------------------------------------------
+ */
 
 struct csm_renderer {
     pthread_mutex_t lock;

@@ -1,8 +1,8 @@
 /* mesh.c: geometry on the GPU, and the list of what one pass draws.
  *
- * One indirect call draws everything a pass needs. The instance's number is an attribute that steps once per
- * instance, picked by baseInstance; a scene without instances has no such attribute. Triangle t ends
- * in vertex t, so gl_VertexID of the provoking vertex is the triangle.
+ * One indirect call draws everything a pass needs. The instance's number is an attribute that steps
+ * once per instance, picked by baseInstance; a scene without instances has no such attribute.
+ * Triangle t ends in vertex t, so gl_VertexID of the provoking vertex is the triangle.
  */
 #include "gl_internal.h"
 
@@ -21,8 +21,7 @@ typedef struct draw_command {
 enum { ATTRIBUTE_POSITION, ATTRIBUTE_INSTANCE };
 enum { BINDING_POSITION, BINDING_INSTANCE };
 
-static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene)
-{
+static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene) {
     const GladGLContext *gl = &renderer->gl;
     gl->CreateVertexArrays(1, &scene->vertex_array);
     renderer->info.live_objects++;
@@ -34,7 +33,8 @@ static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene)
     gl->VertexArrayAttribBinding(scene->vertex_array, ATTRIBUTE_POSITION, BINDING_POSITION);
     if (scene->geometry.instance_count > 1) {
         gl->EnableVertexArrayAttrib(scene->vertex_array, ATTRIBUTE_INSTANCE);
-        gl->VertexArrayAttribIFormat(scene->vertex_array, ATTRIBUTE_INSTANCE, 1, GL_UNSIGNED_INT, 0);
+        gl->VertexArrayAttribIFormat(scene->vertex_array, ATTRIBUTE_INSTANCE, 1, GL_UNSIGNED_INT,
+                                     0);
         gl->VertexArrayAttribBinding(scene->vertex_array, ATTRIBUTE_INSTANCE, BINDING_INSTANCE);
         gl->VertexArrayBindingDivisor(scene->vertex_array, BINDING_INSTANCE, 1);
     }
@@ -42,8 +42,8 @@ static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene)
 }
 
 /* Chunks and items stay for culling; vertex data lives on the GPU alone. */
-static csm_status keep_for_culling(const csm_geometry *geometry, csm_gpu_scene *scene, csm_error *err)
-{
+static csm_status keep_for_culling(const csm_geometry *geometry, csm_gpu_scene *scene,
+                                   csm_error *err) {
     csm_geometry *kept = &scene->geometry;
     *kept = *geometry;
     kept->positions = kept->planes = kept->instances = NULL;
@@ -60,8 +60,7 @@ static csm_status keep_for_culling(const csm_geometry *geometry, csm_gpu_scene *
 }
 
 csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geometry,
-                              const double origin[3], csm_gpu_scene **out, csm_error *err)
-{
+                              const double origin[3], csm_gpu_scene **out, csm_error *err) {
     GLint most = 0;
     renderer->gl.GetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &most);
     if (geometry->triangle_count > (size_t)most) {
@@ -88,8 +87,8 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
              geometry->indices},
             {&scene->planes, "planes", geometry->triangle_count * 4 * sizeof(float),
              geometry->planes},
-            {&scene->instances, "instances",
-             (size_t)geometry->instance_count * 12 * sizeof(float), geometry->instances},
+            {&scene->instances, "instances", (size_t)geometry->instance_count * 12 * sizeof(float),
+             geometry->instances},
         };
         for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++) {
             *buffers[i].name = csm_buffer_make(renderer, buffers[i].label,
@@ -113,8 +112,7 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
     return CSM_OK;
 }
 
-void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene)
-{
+void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene) {
     for (csm_gpu_scene **link = &renderer->scenes; *link; link = &(*link)->next) {
         if (*link == scene) {
             *link = scene->next;
@@ -137,11 +135,10 @@ void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene)
     free(scene);
 }
 
-/* Kept items come in ascending order, so instances of a chunk stand together and share a command, and
- * neighbouring chunks of baked meshes merge into one. */
+/* Kept items come in ascending order, so instances of a chunk stand together and share a command,
+ * and neighbouring chunks of baked meshes merge into one. */
 static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_t item_count,
-                        draw_command *commands, GLuint *instances, csm_draw_list *list)
-{
+                        draw_command *commands, GLuint *instances, csm_draw_list *list) {
     const csm_geometry *geometry = &scene->geometry;
     uint32_t last_chunk = UINT32_MAX, instance_count = 0;
     bool last_baked = false;
@@ -158,9 +155,8 @@ static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_
                    last->first_index + last->index_count == 3 * chunk->first_triangle) {
             last->index_count += 3 * chunk->triangle_count;
         } else {
-            commands[list->command_count++] =
-                (draw_command){3 * chunk->triangle_count, 1, 3 * chunk->first_triangle, 0,
-                               instance_count};
+            commands[list->command_count++] = (draw_command){
+                3 * chunk->triangle_count, 1, 3 * chunk->first_triangle, 0, instance_count};
             instances[instance_count++] = item->instance;
         }
         last_chunk = item->chunk;
@@ -169,8 +165,7 @@ static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_
 }
 
 csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene,
-                              const uint32_t *items, size_t item_count, csm_error *err)
-{
+                              const uint32_t *items, size_t item_count, csm_error *err) {
     csm_draw_list *list = &renderer->draws;
     csm_draw_list_drop(renderer);
     if (!item_count) {
@@ -182,13 +177,13 @@ csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene
     if (commands && instances) {
         list->item_count = (int)item_count;
         write_draws(scene, items, item_count, commands, instances, list);
-        list->commands = csm_buffer_make(renderer, "draw commands",
-                                         list->command_count * (GLsizeiptr)sizeof *commands,
-                                         commands, 0);
+        list->commands =
+            csm_buffer_make(renderer, "draw commands",
+                            list->command_count * (GLsizeiptr)sizeof *commands, commands, 0);
         if (scene->geometry.instance_count > 1) {
-            list->instances = csm_buffer_make(renderer, "drawn instances",
-                                              (GLsizeiptr)(item_count * sizeof *instances),
-                                              instances, 0);
+            list->instances =
+                csm_buffer_make(renderer, "drawn instances",
+                                (GLsizeiptr)(item_count * sizeof *instances), instances, 0);
         }
     } else {
         status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to draw %zu chunks", item_count);
@@ -198,8 +193,7 @@ csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene
     return status;
 }
 
-csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, csm_error *err)
-{
+csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     csm_draw_list *list = &renderer->draws;
@@ -212,8 +206,8 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, cs
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, scene->instances);
     GLsizei batch = list->command_count;
     if (list->triangle_count > BATCH_TRIANGLES) {
-        batch = (GLsizei)(list->command_count * (double)BATCH_TRIANGLES /
-                          (double)list->triangle_count);
+        batch =
+            (GLsizei)(list->command_count * (double)BATCH_TRIANGLES / (double)list->triangle_count);
         batch = batch > 0 ? batch : 1;
     }
     for (GLsizei first = 0; first < list->command_count; first += batch) {
@@ -232,8 +226,7 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, cs
     return CSM_OK;
 }
 
-void csm_draw_list_drop(csm_renderer *renderer)
-{
+void csm_draw_list_drop(csm_renderer *renderer) {
     csm_buffer_drop(renderer, &renderer->draws.commands);
     csm_buffer_drop(renderer, &renderer->draws.instances);
     memset(&renderer->draws, 0, sizeof renderer->draws);

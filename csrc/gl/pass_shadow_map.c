@@ -8,15 +8,13 @@ static const char *const timing_names[CSM_MAX_CASCADES] = {
     "shadow_map_4", "shadow_map_5", "shadow_map_6", "shadow_map_7",
 };
 
-/* Texels around the visible slice whose casters still matter: the kernel, and one for the rounding of
- * receivers and casters to float32. */
-static double cull_margin_texels(const csm_settings *settings)
-{
+/* Texels around the visible slice whose casters still matter: the kernel, and one for the rounding
+ * of receivers and casters to float32. */
+static double cull_margin_texels(const csm_settings *settings) {
     return csm_settings_kernel_radius(settings) + 1.0;
 }
 
-static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err)
-{
+static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err) {
     const csm_render_desc *desc = frame->desc;
     const csm_geometry *geometry = &desc->scene->geometry;
     const csm_settings *settings = &frame->settings;
@@ -27,7 +25,8 @@ static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err)
     }
     bool cull = settings->effects[CSM_EFFECT_CULL] == CSM_CULL_INCLUSIVE;
     if (cull) {
-        /* points may lie outside the picture, where casters matter that the picture does not miss */
+        /* points may lie outside the picture, where casters matter that the picture does not miss
+         */
         bool whole = desc->outputs & CSM_OUT_POINTS;
         csm_cull_volume_make(desc->cascades, cascade, &desc->camera,
                              settings->effects[CSM_EFFECT_SELECT], cull_margin_texels(settings),
@@ -41,8 +40,7 @@ static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err)
     return status;
 }
 
-csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err)
-{
+csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const float farthest = 1.0f;

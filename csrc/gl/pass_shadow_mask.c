@@ -1,8 +1,8 @@
 /* pass_shadow_mask.c: visibility of every pixel, or of any points, in compute.
  *
- * On software GL compute into a mapped buffer takes 0.6 of the time of a full-screen triangle, on a GPU
- * less than a tenth (PERF measurements in docs/architecture.md). Work goes in bands, so that a stop is
- * noticed between them.
+ * On software GL compute into a mapped buffer takes 0.6 of the time of a full-screen triangle, on a
+ * GPU less than a tenth (PERF measurements in docs/architecture.md). Work goes in bands, so that a
+ * stop is noticed between them.
  */
 #include "gl_internal.h"
 
@@ -17,8 +17,7 @@
 enum { BLOCK_INSTANCES, BLOCK_POINTS, BLOCK_OUTPUT };
 enum { UNIT_IDS, UNIT_MAPS, UNIT_COMPARE, UNIT_PLANES };
 
-static void bind_inputs(csm_frame *frame)
-{
+static void bind_inputs(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const csm_gpu_scene *scene = frame->desc->scene;
@@ -33,8 +32,7 @@ static void bind_inputs(csm_frame *frame)
     gl->BindSampler(UNIT_COMPARE, renderer->compare_sampler);
 }
 
-static int taps_per_receiver(const csm_settings *settings)
-{
+static int taps_per_receiver(const csm_settings *settings) {
     if (settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
         return 1;
     }
@@ -42,17 +40,15 @@ static int taps_per_receiver(const csm_settings *settings)
     return side * side;
 }
 
-static void set_image(csm_frame *frame, int first, int points)
-{
+static void set_image(csm_frame *frame, int first, int points) {
     const csm_camera *camera = &frame->desc->camera;
     const int32_t image[4] = {camera->width, camera->height, first, points};
-    frame->renderer->gl.NamedBufferSubData(frame->renderer->frame_uniforms,
-                                           offsetof(csm_frame_uniforms, image), sizeof image, image);
+    frame->renderer->gl.NamedBufferSubData(
+        frame->renderer->frame_uniforms, offsetof(csm_frame_uniforms, image), sizeof image, image);
 }
 
 /* Buffers for the outputs asked for; one output buffer per kind at BLOCK_OUTPUT + kind. */
-static csm_status bind_outputs(csm_frame *frame, csm_error *err)
-{
+static csm_status bind_outputs(csm_frame *frame, csm_error *err) {
     static const struct {
         unsigned output;
         int kind, bytes;
@@ -80,8 +76,7 @@ static csm_status bind_outputs(csm_frame *frame, csm_error *err)
     return CSM_OK;
 }
 
-csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err)
-{
+csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     int width = frame->desc->camera.width, height = frame->desc->camera.height;
@@ -118,8 +113,7 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err)
 }
 
 /* Points arrive as the difference to the scene's origin, subtracted in double. */
-static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *err)
-{
+static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const csm_render_desc *desc = frame->desc;
@@ -138,7 +132,8 @@ static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *e
     if (!mapped) {
         csm_buffer_drop(renderer, &renderer->points_in);
         renderer->points_in_size = 0;
-        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu points", desc->point_count);
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu points",
+                        desc->point_count);
     }
     for (size_t i = 0; i < 3 * desc->point_count; i++) {
         mapped[i] = (float)(desc->points[i] - desc->scene->origin[i % 3]);
@@ -147,8 +142,7 @@ static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *e
     return CSM_OK;
 }
 
-csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err)
-{
+csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     size_t count = frame->desc->point_count;

@@ -1,15 +1,14 @@
 /* pass_view.c: the camera's visible triangles: which triangle of which instance each pixel sees.
  *
- * The mask pass turns ids into points and normals from the triangles' planes, so positions do not suffer
- * from a depth buffer's rounding. Depth is reversed (near 1, far 0): with 32 float bits its error is
- * relative to the distance, also at near/far of 10^6.
+ * The mask pass turns ids into points and normals from the triangles' planes, so positions do not
+ * suffer from a depth buffer's rounding. Depth is reversed (near 1, far 0): with 32 float bits its
+ * error is relative to the distance, also at near/far of 10^6.
  */
 #include "gl_internal.h"
 
 #include <stdlib.h>
 
-csm_status csm_pass_view(csm_frame *frame, csm_error *err)
-{
+csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const csm_gpu_scene *scene = frame->desc->scene;
@@ -43,7 +42,8 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err)
     gl->Disable(GL_DEPTH_CLAMP);
     gl->Enable(GL_DEPTH_TEST);
     gl->DepthFunc(GL_GREATER);
-    gl->ClearNamedFramebufferuiv(framebuffer, GL_COLOR, 0, (const GLuint[4]){nothing[0], nothing[1]});
+    gl->ClearNamedFramebufferuiv(framebuffer, GL_COLOR, 0,
+                                 (const GLuint[4]){nothing[0], nothing[1]});
     gl->ClearNamedFramebufferfv(framebuffer, GL_DEPTH, 0, &farthest);
     gl->UseProgram(program);
     if (renderer->draws.command_count) {

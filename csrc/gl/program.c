@@ -1,7 +1,7 @@
 /* program.c: the linked program of a pass, cached by its key.
  *
- * In: canonical settings. Out: a GL program. Driver logs speak of flat lines; they are rewritten to the file
- * and line the text came from: "0:123(" and "ERROR: 0:123:" (Mesa), "0(123)" (NVIDIA).
+ * In: canonical settings. Out: a GL program. Driver logs speak of flat lines; they are rewritten to
+ * the file and line the text came from: "0:123(" and "ERROR: 0:123:" (Mesa), "0(123)" (NVIDIA).
  */
 #include "gl_internal.h"
 
@@ -23,8 +23,7 @@ static const struct {
 };
 
 /* Number after "0:" or "0(" at the start of a log line; 0 if there is none. */
-static long flat_line(const char *text, const char **after)
-{
+static long flat_line(const char *text, const char **after) {
     const char *at = strstr(text, "0:");
     const char *other = strstr(text, "0(");
     if (!at || (other && other < at)) {
@@ -39,8 +38,7 @@ static long flat_line(const char *text, const char **after)
     return end > at + 2 ? line : 0;
 }
 
-static void rewrite_log(const char *log, const csm_shader_source *source, char *out, size_t size)
-{
+static void rewrite_log(const char *log, const csm_shader_source *source, char *out, size_t size) {
     size_t used = 0;
     out[0] = '\0';
     while (*log && used + 1 < size) {
@@ -52,7 +50,8 @@ static void rewrite_log(const char *log, const csm_shader_source *source, char *
         int written;
         if (line >= 1 && (size_t)line <= source->line_count) {
             const csm_source_line *from = &source->lines[line - 1];
-            written = snprintf(out + used, size - used, "%s:%d: %s\n", from->file, from->line, rest);
+            written =
+                snprintf(out + used, size - used, "%s:%d: %s\n", from->file, from->line, rest);
         } else {
             written = snprintf(out + used, size - used, "%s\n", text);
         }
@@ -62,14 +61,13 @@ static void rewrite_log(const char *log, const csm_shader_source *source, char *
 }
 
 static csm_status compile_stage(csm_frame *frame, csm_pass pass, const char *file, GLenum stage,
-                                GLuint *out_shader, csm_error *err)
-{
+                                GLuint *out_shader, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     char defines[MAX_DEFINES];
     csm_shader_source source;
-    size_t needed = csm_program_defines(pass, &frame->settings, frame->plan.outputs, defines,
-                                        sizeof defines);
+    size_t needed =
+        csm_program_defines(pass, &frame->settings, frame->plan.outputs, defines, sizeof defines);
     if (needed >= sizeof defines) {
         return csm_fail(err, CSM_ERROR_SHADER, "%s: the defines of %s need %zu bytes",
                         csm_pass_name(pass), file, needed);
@@ -104,8 +102,7 @@ static csm_status compile_stage(csm_frame *frame, csm_pass pass, const char *fil
     return status;
 }
 
-static csm_status link_program(csm_frame *frame, csm_pass pass, GLuint *out_name, csm_error *err)
-{
+static csm_status link_program(csm_frame *frame, csm_pass pass, GLuint *out_name, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     GLuint shaders[2] = {0, 0}, name = 0;
@@ -128,7 +125,8 @@ static csm_status link_program(csm_frame *frame, csm_pass pass, GLuint *out_name
             gl->DeleteProgram(name);
             name = 0;
             renderer->ring.failed = false;
-            status = csm_fail(err, CSM_ERROR_SHADER, "%s: does not link: %s", csm_pass_name(pass), log);
+            status =
+                csm_fail(err, CSM_ERROR_SHADER, "%s: does not link: %s", csm_pass_name(pass), log);
         }
     }
     for (int i = 0; i < 2; i++) {
@@ -140,8 +138,7 @@ static csm_status link_program(csm_frame *frame, csm_pass pass, GLuint *out_name
     return status;
 }
 
-csm_status csm_program_get(csm_frame *frame, csm_pass pass, GLuint *out_name, csm_error *err)
-{
+csm_status csm_program_get(csm_frame *frame, csm_pass pass, GLuint *out_name, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     uint64_t key = csm_program_key(pass, &frame->settings, frame->plan.outputs);
     for (int i = 0; i < renderer->program_count; i++) {
@@ -150,8 +147,8 @@ csm_status csm_program_get(csm_frame *frame, csm_pass pass, GLuint *out_name, cs
             return CSM_OK;
         }
     }
-    csm_program *grown = realloc(renderer->programs,
-                                 ((size_t)renderer->program_count + 1) * sizeof *grown);
+    csm_program *grown =
+        realloc(renderer->programs, ((size_t)renderer->program_count + 1) * sizeof *grown);
     if (!grown) {
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for a program");
     }
@@ -167,8 +164,7 @@ csm_status csm_program_get(csm_frame *frame, csm_pass pass, GLuint *out_name, cs
     return status;
 }
 
-void csm_programs_drop(csm_renderer *renderer)
-{
+void csm_programs_drop(csm_renderer *renderer) {
     for (int i = 0; i < renderer->program_count; i++) {
         renderer->gl.DeleteProgram(renderer->programs[i].name);
         renderer->info.live_objects--;

@@ -1,6 +1,7 @@
 /* renderer.c: owns the context and everything on it; executes a plan; reads back.
  *
- * Every entry takes the lock, binds the context, works, unbinds, restores what the thread had bound.
+ * Every entry takes the lock, binds the context, works, unbinds, restores what the thread had
+ * bound.
  */
 #include "gl_internal.h"
 
@@ -9,18 +10,19 @@
 #include <string.h>
 #include <unistd.h>
 
-/* -- entering and leaving ------------------------------------------------------------------------- */
+/* -- entering and leaving -------------------------------------------------------------------------
+ */
 
-static csm_status enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err)
-{
+static csm_status enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err) {
     if (renderer->owner != getpid()) {
         return csm_fail(err, CSM_ERROR_CONTEXT_LOST,
                         "renderer was made before a fork: a context does not survive it, make a "
                         "new Renderer in the child");
     }
     if (pthread_mutex_lock(&renderer->lock)) {
-        return csm_fail(err, CSM_ERROR_CONTEXT_LOST,
-                        "renderer is already at work in this thread (called from a signal handler?)");
+        return csm_fail(
+            err, CSM_ERROR_CONTEXT_LOST,
+            "renderer is already at work in this thread (called from a signal handler?)");
     }
     csm_binding_save(saved);
     if (!csm_context_bind(&renderer->context)) {
@@ -31,8 +33,7 @@ static csm_status enter(csm_renderer *renderer, csm_saved_binding *saved, csm_er
     return CSM_OK;
 }
 
-static void leave(csm_renderer *renderer, const csm_saved_binding *saved)
-{
+static void leave(csm_renderer *renderer, const csm_saved_binding *saved) {
     /* a call that failed before its check must not fail the next one */
     csm_debug_check(renderer, "leaving", NULL);
     csm_context_unbind(&renderer->context);
@@ -40,21 +41,19 @@ static void leave(csm_renderer *renderer, const csm_saved_binding *saved)
     pthread_mutex_unlock(&renderer->lock);
 }
 
-/* -- making and destroying ------------------------------------------------------------------------ */
+/* -- making and destroying ------------------------------------------------------------------------
+ */
 
-static GLADapiproc load_for_glad(void *user, const char *name)
-{
+static GLADapiproc load_for_glad(void *user, const char *name) {
     return (GLADapiproc)csm_context_load(*(const int *)user, name);
 }
 
-static void copy_string(const GladGLContext *gl, GLenum what, char *out, size_t size)
-{
+static void copy_string(const GladGLContext *gl, GLenum what, char *out, size_t size) {
     const char *text = (const char *)gl->GetString(what);
     snprintf(out, size, "%s", text ? text : "");
 }
 
-static void read_info(csm_renderer *renderer)
-{
+static void read_info(csm_renderer *renderer) {
     const GladGLContext *gl = &renderer->gl;
     csm_renderer_info *info = &renderer->info;
     GLint64 buffer_bytes = 0;
@@ -72,8 +71,7 @@ static void read_info(csm_renderer *renderer)
     info->max_buffer_bytes = buffer_bytes;
 }
 
-static void make_samplers(csm_renderer *renderer)
-{
+static void make_samplers(csm_renderer *renderer) {
     const GladGLContext *gl = &renderer->gl;
     GLuint names[2];
     gl->CreateSamplers(2, names);
@@ -93,8 +91,7 @@ static void make_samplers(csm_renderer *renderer)
     csm_debug_label(renderer, GL_SAMPLER, names[1], "compare");
 }
 
-static csm_status set_up(csm_renderer *renderer, csm_error *err)
-{
+static csm_status set_up(csm_renderer *renderer, csm_error *err) {
     GladGLContext *gl = &renderer->gl;
     if (!gladLoadGLContextUserPtr(gl, load_for_glad, &renderer->context.backend) ||
         !gl->VERSION_4_5) {
@@ -121,8 +118,7 @@ static csm_status set_up(csm_renderer *renderer, csm_error *err)
     return csm_debug_check(renderer, "set-up", err);
 }
 
-static void tear_down(csm_renderer *renderer)
-{
+static void tear_down(csm_renderer *renderer) {
     const GladGLContext *gl = &renderer->gl;
     while (renderer->scenes) {
         csm_gpu_scene_destroy(renderer, renderer->scenes);
@@ -139,8 +135,7 @@ static void tear_down(csm_renderer *renderer)
     gl->DeleteQueries(1, &renderer->timer.query);
 }
 
-csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out, csm_error *err)
-{
+csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out, csm_error *err) {
     csm_saved_binding saved;
     pthread_mutexattr_t attributes;
     csm_renderer *renderer = calloc(1, sizeof *renderer);
@@ -179,8 +174,7 @@ csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out
     return CSM_OK;
 }
 
-void csm_renderer_destroy(csm_renderer *renderer)
-{
+void csm_renderer_destroy(csm_renderer *renderer) {
     csm_saved_binding saved;
     if (!renderer) {
         return;
@@ -199,10 +193,10 @@ void csm_renderer_destroy(csm_renderer *renderer)
     }
 }
 
-/* -- small entries -------------------------------------------------------------------------------- */
+/* -- small entries --------------------------------------------------------------------------------
+ */
 
-csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out, csm_error *err)
-{
+csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out, csm_error *err) {
     csm_saved_binding saved;
     csm_status status = enter(renderer, &saved, err);
     if (status == CSM_OK) {
@@ -212,8 +206,7 @@ csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out,
     return status;
 }
 
-csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err)
-{
+csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err) {
     csm_saved_binding saved;
     csm_status status = enter(renderer, &saved, err);
     if (status == CSM_OK) {
@@ -224,8 +217,7 @@ csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err)
 }
 
 csm_status csm_renderer_upload(csm_renderer *renderer, const csm_geometry *geometry,
-                               const double origin[3], csm_gpu_scene **out, csm_error *err)
-{
+                               const double origin[3], csm_gpu_scene **out, csm_error *err) {
     csm_saved_binding saved;
     csm_status status = enter(renderer, &saved, err);
     if (status == CSM_OK) {
@@ -235,8 +227,7 @@ csm_status csm_renderer_upload(csm_renderer *renderer, const csm_geometry *geome
     return status;
 }
 
-csm_status csm_renderer_drop(csm_renderer *renderer, csm_gpu_scene *scene, csm_error *err)
-{
+csm_status csm_renderer_drop(csm_renderer *renderer, csm_gpu_scene *scene, csm_error *err) {
     csm_saved_binding saved;
     csm_status status = enter(renderer, &saved, err);
     if (status == CSM_OK) {
@@ -246,20 +237,18 @@ csm_status csm_renderer_drop(csm_renderer *renderer, csm_gpu_scene *scene, csm_e
     return status;
 }
 
-/* -- one frame ------------------------------------------------------------------------------------ */
+/* -- one frame ------------------------------------------------------------------------------------
+ */
 
-bool csm_frame_stopped(const csm_frame *frame)
-{
+bool csm_frame_stopped(const csm_frame *frame) {
     return frame->desc->stop && frame->desc->stop(frame->desc->stop_user);
 }
 
-csm_status csm_interrupted(csm_error *err)
-{
+csm_status csm_interrupted(csm_error *err) {
     return csm_fail(err, CSM_ERROR_INTERRUPTED, "%s", csm_status_text(CSM_ERROR_INTERRUPTED));
 }
 
-static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_error *err)
-{
+static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     csm_status status = CSM_OK;
     const char *name = csm_pass_name(step->pass);
@@ -284,8 +273,7 @@ static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_erro
     return status == CSM_OK ? csm_debug_check(renderer, name, err) : status;
 }
 
-static void read_maps(csm_frame *frame)
-{
+static void read_maps(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     int size = frame->settings.map_size[0];
@@ -298,15 +286,13 @@ static void read_maps(csm_frame *frame)
     }
 }
 
-static void copy_mapped(csm_frame *frame, int kind, void *out, size_t bytes)
-{
+static void copy_mapped(csm_frame *frame, int kind, void *out, size_t bytes) {
     if (out) {
         memcpy(out, frame->renderer->buffers[kind].mapped, bytes);
     }
 }
 
-static void read_back(csm_frame *frame)
-{
+static void read_back(csm_frame *frame) {
     csm_render_out *out = frame->out;
     const csm_render_desc *desc = frame->desc;
     size_t pixels = (size_t)desc->camera.width * (size_t)desc->camera.height;
@@ -337,8 +323,7 @@ static void read_back(csm_frame *frame)
     }
 }
 
-static csm_status render_bound(csm_frame *frame, csm_error *err)
-{
+static csm_status render_bound(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     csm_status status = csm_targets_fit(renderer, &frame->plan, err);
@@ -363,8 +348,7 @@ static csm_status render_bound(csm_frame *frame, csm_error *err)
     return status;
 }
 
-static csm_status check_render(const csm_render_desc *desc, csm_error *err)
-{
+static csm_status check_render(const csm_render_desc *desc, csm_error *err) {
     csm_status status = csm_settings_validate(&desc->settings, err);
     if (status == CSM_OK) {
         status = csm_camera_validate(&desc->camera, err);
@@ -373,8 +357,7 @@ static csm_status check_render(const csm_render_desc *desc, csm_error *err)
 }
 
 csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *desc,
-                               csm_render_out *out, csm_error *err)
-{
+                               csm_render_out *out, csm_error *err) {
     csm_saved_binding saved;
     csm_frame frame = {.renderer = renderer, .desc = desc, .out = out, .settings = desc->settings};
     csm_status status = check_render(desc, err);

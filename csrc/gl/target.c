@@ -1,4 +1,5 @@
-/* target.c: the textures a plan names, no more and no fewer, and the buffers outputs come back in. */
+/* target.c: the textures a plan names, no more and no fewer, and the buffers outputs come back in.
+ */
 #include "gl_internal.h"
 
 #include <string.h>
@@ -7,11 +8,8 @@ static const struct {
     const char *name;
     GLenum format;
 } formats[] = {
-    {"r32ui", GL_R32UI},
-    {"rg32ui", GL_RG32UI},
-    {"d32f", GL_DEPTH_COMPONENT32F},
-    {"d24", GL_DEPTH_COMPONENT24},
-    {"d16", GL_DEPTH_COMPONENT16},
+    {"r32ui", GL_R32UI},           {"rg32ui", GL_RG32UI},         {"d32f", GL_DEPTH_COMPONENT32F},
+    {"d24", GL_DEPTH_COMPONENT24}, {"d16", GL_DEPTH_COMPONENT16},
 };
 
 static const char *const target_names[CSM_TARGET_COUNT] = {
@@ -20,8 +18,7 @@ static const char *const target_names[CSM_TARGET_COUNT] = {
     [CSM_TARGET_SHADOW_MAPS] = "shadow_maps",
 };
 
-static GLenum format_named(const char *name)
-{
+static GLenum format_named(const char *name) {
     for (size_t i = 0; i < sizeof formats / sizeof *formats; i++) {
         if (!strcmp(formats[i].name, name)) {
             return formats[i].format;
@@ -30,8 +27,7 @@ static GLenum format_named(const char *name)
     return GL_NONE;
 }
 
-static void drop(csm_renderer *renderer, csm_target *target)
-{
+static void drop(csm_renderer *renderer, csm_target *target) {
     if (target->texture) {
         renderer->gl.DeleteTextures(1, &target->texture);
         renderer->info.live_objects--;
@@ -40,8 +36,7 @@ static void drop(csm_renderer *renderer, csm_target *target)
 }
 
 static csm_status make(csm_renderer *renderer, csm_target *target, const csm_plan_texture *wanted,
-                       csm_error *err)
-{
+                       csm_error *err) {
     const GladGLContext *gl = &renderer->gl;
     bool layered = !strcmp(wanted->name, target_names[CSM_TARGET_SHADOW_MAPS]);
     int largest = wanted->width > wanted->height ? wanted->width : wanted->height;
@@ -64,8 +59,7 @@ static csm_status make(csm_renderer *renderer, csm_target *target, const csm_pla
     return csm_debug_check(renderer, wanted->name, err);
 }
 
-csm_status csm_targets_fit(csm_renderer *renderer, const csm_plan *plan, csm_error *err)
-{
+csm_status csm_targets_fit(csm_renderer *renderer, const csm_plan *plan, csm_error *err) {
     const csm_plan_texture *wanted[CSM_TARGET_COUNT] = {NULL};
     for (int i = 0; i < plan->texture_count; i++) {
         for (int t = 0; t < CSM_TARGET_COUNT; t++) {
@@ -94,8 +88,7 @@ csm_status csm_targets_fit(csm_renderer *renderer, const csm_plan *plan, csm_err
     return CSM_OK;
 }
 
-static void drop_buffer(csm_renderer *renderer, csm_host_buffer *buffer)
-{
+static void drop_buffer(csm_renderer *renderer, csm_host_buffer *buffer) {
     if (buffer->name != buffer->host) {
         csm_buffer_drop(renderer, &buffer->name);
     }
@@ -103,8 +96,7 @@ static void drop_buffer(csm_renderer *renderer, csm_host_buffer *buffer)
     memset(buffer, 0, sizeof *buffer);
 }
 
-void csm_targets_drop(csm_renderer *renderer)
-{
+void csm_targets_drop(csm_renderer *renderer) {
     for (int t = 0; t < CSM_TARGET_COUNT; t++) {
         drop(renderer, &renderer->targets[t]);
     }
@@ -114,8 +106,7 @@ void csm_targets_drop(csm_renderer *renderer)
 }
 
 GLuint csm_buffer_make(csm_renderer *renderer, const char *label, GLsizeiptr size, const void *data,
-                       GLbitfield flags)
-{
+                       GLbitfield flags) {
     GLuint name = 0;
     renderer->gl.CreateBuffers(1, &name);
     renderer->gl.NamedBufferStorage(name, size > 0 ? size : 4, data, flags);
@@ -124,8 +115,7 @@ GLuint csm_buffer_make(csm_renderer *renderer, const char *label, GLsizeiptr siz
     return name;
 }
 
-void csm_buffer_drop(csm_renderer *renderer, GLuint *name)
-{
+void csm_buffer_drop(csm_renderer *renderer, GLuint *name) {
     if (*name) {
         renderer->gl.DeleteBuffers(1, name);
         renderer->info.live_objects--;
@@ -133,11 +123,11 @@ void csm_buffer_drop(csm_renderer *renderer, GLuint *name)
     }
 }
 
-/* On software GL the passes write the mapped buffer itself, the driver's own memory. On hardware they write
- * device memory and csm_host_buffers_fetch copies over the bus at once: a shader's own scattered writes across
- * it cost ten times the pass. A smaller frame uses the front of a larger buffer. */
-csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err)
-{
+/* On software GL the passes write the mapped buffer itself, the driver's own memory. On hardware
+ * they write device memory and csm_host_buffers_fetch copies over the bus at once: a shader's own
+ * scattered writes across it cost ten times the pass. A smaller frame uses the front of a larger
+ * buffer. */
+csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err) {
     static const char *const labels[CSM_BUFFER_COUNT] = {"mask", "cascade_index", "view_depth",
                                                          "normal", "points"};
     csm_host_buffer *buffer = &renderer->buffers[kind];
@@ -166,8 +156,7 @@ csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, cs
     return CSM_OK;
 }
 
-void csm_host_buffers_fetch(csm_renderer *renderer)
-{
+void csm_host_buffers_fetch(csm_renderer *renderer) {
     const GladGLContext *gl = &renderer->gl;
     for (int kind = 0; kind < CSM_BUFFER_COUNT; kind++) {
         csm_host_buffer *buffer = &renderer->buffers[kind];

@@ -1,18 +1,16 @@
-/* timer.c: milliseconds per pass. Timer queries on hardware; on software GL they are useless (0.000 and
- * 30 ms were seen for the same pass), so there the wall clock runs around glFinish. */
+/* timer.c: milliseconds per pass. Timer queries on hardware; on software GL they are useless (0.000
+ * and 30 ms were seen for the same pass), so there the wall clock runs around glFinish. */
 #include "gl_internal.h"
 
 #include <time.h>
 
-double csm_clock_ms(void)
-{
+double csm_clock_ms(void) {
     struct timespec now;
     clock_gettime(CLOCK_MONOTONIC, &now);
     return 1e3 * (double)now.tv_sec + 1e-6 * (double)now.tv_nsec;
 }
 
-void csm_timer_start(csm_renderer *renderer)
-{
+void csm_timer_start(csm_renderer *renderer) {
     csm_timer *timer = &renderer->timer;
     if (timer->queries) {
         renderer->gl.BeginQuery(GL_TIME_ELAPSED, timer->query);
@@ -22,8 +20,7 @@ void csm_timer_start(csm_renderer *renderer)
     }
 }
 
-void csm_timer_stop(csm_renderer *renderer, csm_render_out *out, const char *name)
-{
+void csm_timer_stop(csm_renderer *renderer, csm_render_out *out, const char *name) {
     csm_timer *timer = &renderer->timer;
     double elapsed_ms;
     if (timer->queries) {

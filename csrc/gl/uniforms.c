@@ -1,21 +1,19 @@
-/* uniforms.c: what the shaders of a frame are told: the one conversion from doubles to floats, relative to
- * the scene's fixed origin.
+/* uniforms.c: what the shaders of a frame are told: the one conversion from doubles to floats,
+ * relative to the scene's fixed origin.
  */
 #include "gl_internal.h"
 
 #include <math.h>
 #include <string.h>
 
-static void to_floats(const double *from, int count, float *out)
-{
+static void to_floats(const double *from, int count, float *out) {
     for (int i = 0; i < count; i++) {
         out[i] = (float)from[i];
     }
 }
 
 /* Rotation and projection without the eye, which the shader subtracts; depth reversed: 1 - z. */
-static void write_view(const csm_camera *camera, csm_frame_uniforms *uniforms)
-{
+static void write_view(const csm_camera *camera, csm_frame_uniforms *uniforms) {
     double clip_from_view[16];
     const double *rows[3] = {camera->right, camera->up, camera->backward};
     csm_camera_clip_from_view(camera, clip_from_view);
@@ -41,12 +39,12 @@ static void write_view(const csm_camera *camera, csm_frame_uniforms *uniforms)
               4, uniforms->view);
 }
 
-/* Lattice texels are phase + light x / texel, counted from the lattice point below the scene's origin: the
- * phase is what the origin adds beyond whole texels, so that a point keeps its lattice texels to the bit
- * while only the window moves, and the window's whole texels are exact in a float. */
+/* Lattice texels are phase + light x / texel, counted from the lattice point below the scene's
+ * origin: the phase is what the origin adds beyond whole texels, so that a point keeps its lattice
+ * texels to the bit while only the window moves, and the window's whole texels are exact in a
+ * float. */
 static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
-                          csm_frame_uniforms *uniforms)
-{
+                          csm_frame_uniforms *uniforms) {
     const csm_cascades *cascades = frame->desc->cascades;
     const double *origin = frame->desc->scene->origin;
     const double *light = cascades->light_from_world[i];
@@ -59,7 +57,8 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
     double quantum = csm_depth_quantum(frame->settings.effects[CSM_EFFECT_DEPTH_FORMAT]);
     double origin_ls[3];
     for (int row = 0; row < 3; row++) {
-        origin_ls[row] = light[row] * origin[0] + light[4 + row] * origin[1] + light[8 + row] * origin[2];
+        origin_ls[row] =
+            light[row] * origin[0] + light[4 + row] * origin[1] + light[8 + row] * origin[2];
     }
     for (int axis = 0; axis < 2; axis++) {
         double texels = origin_ls[axis] / texel[axis];
@@ -82,13 +81,13 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
         (float)(bias->constant_texels * largest / span + bias->quanta * quantum);
     uniforms->depth[i][3] = (float)largest;
     uniforms->slope[i][2] = (float)cascades->splits[i + 1];
-    /* by hand a bias is in texels of the larger side; the automatic one is as small as each side allows */
+    /* by hand a bias is in texels of the larger side; the automatic one is as small as each side
+     * allows */
     bool manual = frame->settings.effects[CSM_EFFECT_BIAS] == CSM_BIAS_MANUAL;
     uniforms->slope[i][3] = manual ? (float)(largest / span) : 0.0f;
 }
 
-void csm_frame_write_uniforms(csm_frame *frame)
-{
+void csm_frame_write_uniforms(csm_frame *frame) {
     const csm_render_desc *desc = frame->desc;
     const csm_cascades *cascades = desc->cascades;
     csm_frame_uniforms *uniforms = &frame->uniforms;

@@ -4,8 +4,7 @@
 #include <math.h>
 #include <string.h>
 
-int csm_py_vector(PyObject *object, const char *name, int n, double *out)
-{
+int csm_py_vector(PyObject *object, const char *name, int n, double *out) {
     PyArrayObject *array = csm_py_rows(object, name, NPY_DOUBLE, 0);
     if (!array) {
         return -1;
@@ -29,16 +28,14 @@ int csm_py_vector(PyObject *object, const char *name, int n, double *out)
     return status;
 }
 
-int csm_py_attribute_vector(PyObject *object, const char *attribute, int n, double *out)
-{
+int csm_py_attribute_vector(PyObject *object, const char *attribute, int n, double *out) {
     PyObject *value = PyObject_GetAttrString(object, attribute);
     int status = value ? csm_py_vector(value, attribute, n, out) : -1;
     Py_XDECREF(value);
     return status;
 }
 
-int csm_py_attribute_double(PyObject *object, const char *attribute, double *out)
-{
+int csm_py_attribute_double(PyObject *object, const char *attribute, double *out) {
     PyObject *value = PyObject_GetAttrString(object, attribute);
     if (!value) {
         return -1;
@@ -48,8 +45,7 @@ int csm_py_attribute_double(PyObject *object, const char *attribute, double *out
     return *out == -1.0 && PyErr_Occurred() ? -1 : 0;
 }
 
-int csm_py_attribute_int(PyObject *object, const char *attribute, int *out)
-{
+int csm_py_attribute_int(PyObject *object, const char *attribute, int *out) {
     PyObject *value = PyObject_GetAttrString(object, attribute);
     if (!value) {
         return -1;
@@ -67,8 +63,7 @@ int csm_py_attribute_int(PyObject *object, const char *attribute, int *out)
     return 0;
 }
 
-PyObject *csm_py_new_mat4_array(npy_intp count)
-{
+PyObject *csm_py_new_mat4_array(npy_intp count) {
     const npy_intp flat_shape[1] = {16 * count};
     npy_intp shape[3] = {count, 4, 4}, strides[3] = {128, 8, 32};
     PyObject *flat = PyArray_SimpleNew(1, flat_shape, NPY_DOUBLE);
@@ -89,12 +84,11 @@ PyObject *csm_py_new_mat4_array(npy_intp count)
     return matrices;
 }
 
-PyArrayObject *csm_py_rows(PyObject *object, const char *name, int type, int columns)
-{
+PyArrayObject *csm_py_rows(PyObject *object, const char *name, int type, int columns) {
     PyArray_Descr *descr = PyArray_DescrFromType(type);
     int dimensions = columns ? 2 : 1;
-    PyArrayObject *array = (PyArrayObject *)PyArray_FromAny(object, descr, 0, 0,
-                                                            NPY_ARRAY_CARRAY_RO, NULL);
+    PyArrayObject *array =
+        (PyArrayObject *)PyArray_FromAny(object, descr, 0, 0, NPY_ARRAY_CARRAY_RO, NULL);
     if (!array) {
         return NULL;
     }
@@ -114,10 +108,9 @@ PyArrayObject *csm_py_rows(PyObject *object, const char *name, int type, int col
     return array;
 }
 
-int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *out_count)
-{
-    PyArrayObject *array = (PyArrayObject *)PyArray_FROMANY(object, NPY_DOUBLE, 3, 3,
-                                                            NPY_ARRAY_CARRAY_RO);
+int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *out_count) {
+    PyArrayObject *array =
+        (PyArrayObject *)PyArray_FROMANY(object, NPY_DOUBLE, 3, 3, NPY_ARRAY_CARRAY_RO);
     if (!array) {
         return -1;
     }
@@ -144,8 +137,7 @@ int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *
     return 0;
 }
 
-int csm_py_parse_camera(PyObject *camera, csm_camera *out)
-{
+int csm_py_parse_camera(PyObject *camera, csm_camera *out) {
     double size[2];
     PyObject *orthographic = PyObject_GetAttrString(camera, "orthographic");
     if (!orthographic) {

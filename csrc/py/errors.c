@@ -15,8 +15,7 @@ static const struct {
     [CSM_PY_GL_WARNING] = {"csm.GLWarning", "OpenGL reported a problem of medium severity."},
 };
 
-int csm_py_add_exceptions(PyObject *module)
-{
+int csm_py_add_exceptions(PyObject *module) {
     csm_module_state *state = PyModule_GetState(module);
     for (int i = 0; i < CSM_PY_EXCEPTION_COUNT; i++) {
         PyObject *base = i == CSM_PY_CSM_ERROR    ? PyExc_RuntimeError
@@ -34,8 +33,7 @@ int csm_py_add_exceptions(PyObject *module)
 }
 
 /* The class a status names in csm_status_exception. */
-static PyObject *class_of(PyObject *module, const char *name)
-{
+static PyObject *class_of(PyObject *module, const char *name) {
     const csm_module_state *state = PyModule_GetState(module);
     for (int i = 0; i < CSM_PY_EXCEPTION_COUNT; i++) {
         if (!strcmp(strchr(exceptions[i].name, '.') + 1, name)) {
@@ -45,19 +43,16 @@ static PyObject *class_of(PyObject *module, const char *name)
     return !strcmp(name, "MemoryError") ? PyExc_MemoryError : PyExc_ValueError;
 }
 
-PyObject *csm_py_text(const char *text)
-{
+PyObject *csm_py_text(const char *text) {
     return PyUnicode_DecodeUTF8(text, (Py_ssize_t)strlen(text), "replace");
 }
 
 /* "pass: log" as attributes, for people who read logs by program. */
-static void raise_shader_error(PyObject *class, const char *text)
-{
+static void raise_shader_error(PyObject *class, const char *text) {
     const char *colon = strchr(text, ':');
     PyObject *whole = csm_py_text(text);
     PyObject *error = whole ? PyObject_CallOneArg(class, whole) : NULL;
-    PyObject *pass_name =
-        PyUnicode_FromStringAndSize(text, colon ? (Py_ssize_t)(colon - text) : 0);
+    PyObject *pass_name = PyUnicode_FromStringAndSize(text, colon ? (Py_ssize_t)(colon - text) : 0);
     PyObject *log = csm_py_text(colon ? colon + 1 + strspn(colon + 1, " ") : text);
     if (error && pass_name && log && PyObject_SetAttrString(error, "pass_name", pass_name) == 0 &&
         PyObject_SetAttrString(error, "log", log) == 0) {
@@ -69,8 +64,7 @@ static void raise_shader_error(PyObject *class, const char *text)
     Py_XDECREF(log);
 }
 
-PyObject *csm_py_raise(PyObject *module, const csm_error *err)
-{
+PyObject *csm_py_raise(PyObject *module, const csm_error *err) {
     if (PyErr_Occurred()) {
         return NULL; /* a signal handler's exception is what stopped the call */
     }

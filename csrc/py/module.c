@@ -2,8 +2,7 @@
 #define CSM_PY_IMPORTS_ARRAY
 #include "py_common.h"
 
-static int add_constants(PyObject *module)
-{
+static int add_constants(PyObject *module) {
     static const struct {
         const char *name;
         unsigned bit;
@@ -36,8 +35,7 @@ static int add_constants(PyObject *module)
     return complete ? 0 : -1;
 }
 
-static int core_exec(PyObject *module)
-{
+static int core_exec(PyObject *module) {
     if (PyArray_ImportNumPyAPI() < 0) {
         return -1;
     }
@@ -49,8 +47,7 @@ static int core_exec(PyObject *module)
     return add_constants(module);
 }
 
-static int core_traverse(PyObject *module, visitproc visit, void *arg)
-{
+static int core_traverse(PyObject *module, visitproc visit, void *arg) {
     csm_module_state *state = PyModule_GetState(module);
     for (int i = 0; i < CSM_PY_EXCEPTION_COUNT; i++) {
         Py_VISIT(state->exceptions[i]);
@@ -59,8 +56,7 @@ static int core_traverse(PyObject *module, visitproc visit, void *arg)
     return 0;
 }
 
-static int core_clear(PyObject *module)
-{
+static int core_clear(PyObject *module) {
     csm_module_state *state = PyModule_GetState(module);
     for (int i = 0; i < CSM_PY_EXCEPTION_COUNT; i++) {
         Py_CLEAR(state->exceptions[i]);
@@ -69,7 +65,9 @@ static int core_clear(PyObject *module)
     return 0;
 }
 
-static void core_free(void *module) { core_clear(module); }
+static void core_free(void *module) {
+    core_clear(module);
+}
 
 static PyModuleDef_Slot core_slots[] = {
     {Py_mod_exec, core_exec},
@@ -77,14 +75,12 @@ static PyModuleDef_Slot core_slots[] = {
 };
 
 static struct PyModuleDef core_module = {
-    PyModuleDef_HEAD_INIT,
-    .m_name = "csm._core",
-    .m_doc = "The C core of csm.",
-    .m_size = sizeof(csm_module_state),
-    .m_slots = core_slots,
-    .m_traverse = core_traverse,
-    .m_clear = core_clear,
-    .m_free = core_free,
+    PyModuleDef_HEAD_INIT,         .m_name = "csm._core",
+    .m_doc = "The C core of csm.", .m_size = sizeof(csm_module_state),
+    .m_slots = core_slots,         .m_traverse = core_traverse,
+    .m_clear = core_clear,         .m_free = core_free,
 };
 
-PyMODINIT_FUNC PyInit__core(void) { return PyModuleDef_Init(&core_module); }
+PyMODINIT_FUNC PyInit__core(void) {
+    return PyModuleDef_Init(&core_module);
+}

@@ -8,7 +8,7 @@
 #define NPY_NO_DEPRECATED_API NPY_1_23_API_VERSION
 #define PY_ARRAY_UNIQUE_SYMBOL csm_ARRAY_API
 #ifndef CSM_PY_IMPORTS_ARRAY
-#define NO_IMPORT_ARRAY
+#    define NO_IMPORT_ARRAY
 #endif
 #include <numpy/arrayobject.h>
 
@@ -32,14 +32,15 @@ typedef struct csm_module_state {
 /* errors.c: the only place that maps a status to an exception. Always returns NULL. */
 PyObject *csm_py_raise(PyObject *module, const csm_error *err);
 
-/* Text of a driver or of an error as a string: bytes that are no UTF-8 (a character cut at the end of a
- * buffer) are replaced, never an error of their own. */
+/* Text of a driver or of an error as a string: bytes that are no UTF-8 (a character cut at the end
+ * of a buffer) are replaced, never an error of their own. */
 PyObject *csm_py_text(const char *text);
 int csm_py_add_exceptions(PyObject *module);
 
 /* arrays.c */
 
-/* n finite doubles of any sequence or array; name appears in the error. 0, or -1 with an exception. */
+/* n finite doubles of any sequence or array; name appears in the error. 0, or -1 with an exception.
+ */
 int csm_py_vector(PyObject *object, const char *name, int n, double *out);
 
 /* An attribute as a vector, as a double, as an int. */
@@ -47,14 +48,16 @@ int csm_py_attribute_vector(PyObject *object, const char *attribute, int n, doub
 int csm_py_attribute_double(PyObject *object, const char *attribute, double *out);
 int csm_py_attribute_int(PyObject *object, const char *attribute, int *out);
 
-/* A new (count, 4, 4) float64 array over column-major memory: M[i, row, col], strides (128, 8, 32). */
+/* A new (count, 4, 4) float64 array over column-major memory: M[i, row, col], strides (128, 8, 32).
+ */
 PyObject *csm_py_new_mat4_array(npy_intp count);
 
-/* An aligned, C-contiguous array of the type and of shape (?, columns), or (?,) for columns 0; a new
- * reference, or NULL with an exception that names the argument. */
+/* An aligned, C-contiguous array of the type and of shape (?, columns), or (?,) for columns 0; a
+ * new reference, or NULL with an exception that names the argument. */
 PyArrayObject *csm_py_rows(PyObject *object, const char *name, int type, int columns);
 
-/* (?, 4, 4) float64 of any strides to column-major memory, from PyMem_Malloc; *out_count matrices. */
+/* (?, 4, 4) float64 of any strides to column-major memory, from PyMem_Malloc; *out_count matrices.
+ */
 int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *out_count);
 
 /* csm.Camera and csm.ShadowSettings, read by attribute. */
@@ -72,7 +75,8 @@ typedef struct csm_py_fit {
 
 int csm_py_parse_fit(PyObject *camera, PyObject *to_light, PyObject *settings, PyObject *bounds,
                      PyObject *held_step, csm_py_fit *out);
-PyObject *csm_py_new_cascades(const csm_cascades *cascades); /* dict of the arrays of csm.Cascades */
+PyObject *
+csm_py_new_cascades(const csm_cascades *cascades); /* dict of the arrays of csm.Cascades */
 extern PyMethodDef csm_py_core_methods[];
 
 /* settings_functions.c */

@@ -1,7 +1,9 @@
-/* renderer_type.c: _core.Renderer, a thin handle on csm_renderer; csm/renderer.py is what users hold.
+/* renderer_type.c: _core.Renderer, a thin handle on csm_renderer; csm/renderer.py is what users
+ * hold.
  *
- * The GIL is dropped first, then the renderer takes its lock; the stop callback takes the GIL back for a
- * moment while the lock is held, which is safe because nobody waits for the lock with the GIL.
+ * The GIL is dropped first, then the renderer takes its lock; the stop callback takes the GIL back
+ * for a moment while the lock is held, which is safe because nobody waits for the lock with the
+ * GIL.
  */
 #include "py_common.h"
 
@@ -14,17 +16,18 @@
 #define READ_SIZE 16384
 
 typedef struct renderer_object {
-    PyObject_HEAD
-    csm_renderer *renderer;
+    PyObject_HEAD csm_renderer *renderer;
     char *shader_folder;
 } renderer_object;
 
-static PyObject *module_of(PyObject *self) { return PyType_GetModule(Py_TYPE(self)); }
+static PyObject *module_of(PyObject *self) {
+    return PyType_GetModule(Py_TYPE(self));
+}
 
-/* -- callbacks of the core, without the GIL -------------------------------------------------------- */
+/* -- callbacks of the core, without the GIL
+ * -------------------------------------------------------- */
 
-static bool read_shader(void *user, const char *name, char **out_text)
-{
+static bool read_shader(void *user, const char *name, char **out_text) {
     char path[4096];
     const char *folder = user;
     if (snprintf(path, sizeof path, "%s/%s", folder, name) >= (int)sizeof path) {
@@ -58,8 +61,7 @@ static bool read_shader(void *user, const char *name, char **out_text)
 }
 
 /* Signals are handled on the main thread alone; elsewhere this only looks. */
-static bool signal_arrived(void *user)
-{
+static bool signal_arrived(void *user) {
     (void)user;
     PyGILState_STATE gil = PyGILState_Ensure();
     bool stop = PyErr_CheckSignals() < 0;
@@ -67,10 +69,10 @@ static bool signal_arrived(void *user)
     return stop;
 }
 
-/* -- life ----------------------------------------------------------------------------------------- */
+/* -- life -----------------------------------------------------------------------------------------
+ */
 
-static PyObject *renderer_new(PyTypeObject *type, PyObject *args, PyObject *kwargs)
-{
+static PyObject *renderer_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
     static char *names[] = {"backend", "debug", "shader_folder", NULL};
     int backend, debug;
     const char *folder;
@@ -101,8 +103,7 @@ static PyObject *renderer_new(PyTypeObject *type, PyObject *args, PyObject *kwar
     return (PyObject *)self;
 }
 
-static PyObject *renderer_close(PyObject *object, PyObject *unused)
-{
+static PyObject *renderer_close(PyObject *object, PyObject *unused) {
     (void)unused;
     renderer_object *self = (renderer_object *)object;
     csm_renderer *renderer = self->renderer;
@@ -113,8 +114,7 @@ static PyObject *renderer_close(PyObject *object, PyObject *unused)
     Py_RETURN_NONE;
 }
 
-static void renderer_dealloc(PyObject *object)
-{
+static void renderer_dealloc(PyObject *object) {
     renderer_object *self = (renderer_object *)object;
     PyTypeObject *type = Py_TYPE(object);
     csm_renderer_destroy(self->renderer);
@@ -123,8 +123,7 @@ static void renderer_dealloc(PyObject *object)
     Py_DECREF(type);
 }
 
-static csm_renderer *open_renderer(PyObject *object)
-{
+static csm_renderer *open_renderer(PyObject *object) {
     csm_renderer *renderer = ((renderer_object *)object)->renderer;
     if (!renderer) {
         csm_error err = {0};
@@ -134,10 +133,10 @@ static csm_renderer *open_renderer(PyObject *object)
     return renderer;
 }
 
-/* -- small methods -------------------------------------------------------------------------------- */
+/* -- small methods --------------------------------------------------------------------------------
+ */
 
-static PyObject *renderer_describe(PyObject *object, PyObject *unused)
-{
+static PyObject *renderer_describe(PyObject *object, PyObject *unused) {
     (void)unused;
     csm_renderer *renderer = open_renderer(object);
     csm_renderer_info info;
@@ -152,17 +151,16 @@ static PyObject *renderer_describe(PyObject *object, PyObject *unused)
     if (status != CSM_OK) {
         return csm_py_raise(module_of(object), &err);
     }
-    return Py_BuildValue(
-        "{s:s,s:s,s:s,s:s,s:s,s:s,s:N,s:i,s:i,s:L,s:i,s:i}", "backend", info.backend, "platform",
-        info.platform, "vendor", info.vendor, "renderer", info.renderer, "version", info.version,
-        "glsl", info.glsl, "software", PyBool_FromLong(info.software), "max_texture_size",
-        info.max_texture_size, "max_layers", info.max_layers, "max_buffer_bytes",
-        (long long)info.max_buffer_bytes, "programs_compiled", info.programs_compiled,
-        "live_objects", info.live_objects);
+    return Py_BuildValue("{s:s,s:s,s:s,s:s,s:s,s:s,s:N,s:i,s:i,s:L,s:i,s:i}", "backend",
+                         info.backend, "platform", info.platform, "vendor", info.vendor, "renderer",
+                         info.renderer, "version", info.version, "glsl", info.glsl, "software",
+                         PyBool_FromLong(info.software), "max_texture_size", info.max_texture_size,
+                         "max_layers", info.max_layers, "max_buffer_bytes",
+                         (long long)info.max_buffer_bytes, "programs_compiled",
+                         info.programs_compiled, "live_objects", info.live_objects);
 }
 
-static PyObject *renderer_reload(PyObject *object, PyObject *unused)
-{
+static PyObject *renderer_reload(PyObject *object, PyObject *unused) {
     (void)unused;
     csm_renderer *renderer = open_renderer(object);
     csm_error err = {0};
@@ -180,8 +178,7 @@ static PyObject *renderer_reload(PyObject *object, PyObject *unused)
 }
 
 /* Runs with the renderer's lock held and without the GIL, like every callback. */
-static void append_message(void *user, unsigned id, const char *severity, const char *text)
-{
+static void append_message(void *user, unsigned id, const char *severity, const char *text) {
     PyGILState_STATE gil = PyGILState_Ensure();
     PyObject *list = user;
     PyObject *item =
@@ -193,8 +190,7 @@ static void append_message(void *user, unsigned id, const char *severity, const 
     PyGILState_Release(gil);
 }
 
-static PyObject *renderer_messages(PyObject *object, PyObject *unused)
-{
+static PyObject *renderer_messages(PyObject *object, PyObject *unused) {
     (void)unused;
     csm_renderer *renderer = open_renderer(object);
     PyObject *list = renderer ? PyList_New(0) : NULL;
@@ -209,7 +205,8 @@ static PyObject *renderer_messages(PyObject *object, PyObject *unused)
     return list;
 }
 
-/* -- scenes --------------------------------------------------------------------------------------- */
+/* -- scenes ---------------------------------------------------------------------------------------
+ */
 
 typedef struct scene_arguments {
     csm_scene_desc desc;
@@ -219,8 +216,7 @@ typedef struct scene_arguments {
     double *transforms;
 } scene_arguments;
 
-static void release_scene(scene_arguments *scene)
-{
+static void release_scene(scene_arguments *scene) {
     for (int i = 0; scene->arrays && i < 2 * scene->desc.mesh_count; i++) {
         Py_XDECREF(scene->arrays[i]);
     }
@@ -230,8 +226,7 @@ static void release_scene(scene_arguments *scene)
     PyMem_Free(scene->transforms);
 }
 
-static int parse_meshes(PyObject *meshes, scene_arguments *scene)
-{
+static int parse_meshes(PyObject *meshes, scene_arguments *scene) {
     Py_ssize_t count = PyTuple_GET_SIZE(meshes);
     scene->views = PyMem_Calloc((size_t)count + 1, sizeof *scene->views);
     scene->arrays = PyMem_Calloc(2 * (size_t)count + 1, sizeof(PyArrayObject *));
@@ -250,16 +245,16 @@ static int parse_meshes(PyObject *meshes, scene_arguments *scene)
         if (!scene->arrays[2 * i] || !scene->arrays[2 * i + 1]) {
             return -1;
         }
-        scene->views[i] = (csm_mesh_view){
-            PyArray_DATA(scene->arrays[2 * i]), (size_t)PyArray_DIM(scene->arrays[2 * i], 0),
-            PyArray_DATA(scene->arrays[2 * i + 1]), (size_t)PyArray_DIM(scene->arrays[2 * i + 1], 0)};
+        scene->views[i] = (csm_mesh_view){PyArray_DATA(scene->arrays[2 * i]),
+                                          (size_t)PyArray_DIM(scene->arrays[2 * i], 0),
+                                          PyArray_DATA(scene->arrays[2 * i + 1]),
+                                          (size_t)PyArray_DIM(scene->arrays[2 * i + 1], 0)};
     }
     scene->desc.meshes = scene->views;
     return 0;
 }
 
-static int parse_scene(PyObject *args, scene_arguments *scene)
-{
+static int parse_scene(PyObject *args, scene_arguments *scene) {
     PyObject *meshes, *instance_mesh, *transforms, *origin;
     npy_intp count;
     memset(scene, 0, sizeof *scene);
@@ -285,8 +280,7 @@ static int parse_scene(PyObject *args, scene_arguments *scene)
     return 0;
 }
 
-static PyObject *renderer_upload(PyObject *object, PyObject *args)
-{
+static PyObject *renderer_upload(PyObject *object, PyObject *args) {
     csm_renderer *renderer = open_renderer(object);
     scene_arguments scene;
     csm_geometry geometry = {0};
@@ -314,8 +308,7 @@ static PyObject *renderer_upload(PyObject *object, PyObject *args)
     return PyCapsule_New(uploaded, SCENE_CAPSULE, NULL);
 }
 
-static PyObject *renderer_drop(PyObject *object, PyObject *capsule)
-{
+static PyObject *renderer_drop(PyObject *object, PyObject *capsule) {
     csm_renderer *renderer = open_renderer(object);
     csm_gpu_scene *scene = renderer ? PyCapsule_GetPointer(capsule, SCENE_CAPSULE) : NULL;
     csm_error err = {0};
@@ -332,12 +325,12 @@ static PyObject *renderer_drop(PyObject *object, PyObject *capsule)
     Py_RETURN_NONE;
 }
 
-/* -- rendering ------------------------------------------------------------------------------------ */
+/* -- rendering ------------------------------------------------------------------------------------
+ */
 
 /* The data of a writable, contiguous array of the type and element count, or NULL if it is not in
  * the dict; *ok is false with an exception if the array is not as it must be. */
-static void *output(PyObject *arrays, const char *name, int type, npy_intp count, bool *ok)
-{
+static void *output(PyObject *arrays, const char *name, int type, npy_intp count, bool *ok) {
     PyObject *value = PyDict_GetItemString(arrays, name);
     if (!value || !*ok) {
         return NULL;
@@ -345,16 +338,16 @@ static void *output(PyObject *arrays, const char *name, int type, npy_intp count
     PyArrayObject *array = (PyArrayObject *)value;
     if (!PyArray_Check(value) || PyArray_TYPE(array) != type || PyArray_SIZE(array) != count ||
         !PyArray_ISCARRAY(array)) {
-        PyErr_Format(PyExc_ValueError, "out: %s must be a writable, contiguous array of %zd elements",
-                     name, (Py_ssize_t)count);
+        PyErr_Format(PyExc_ValueError,
+                     "out: %s must be a writable, contiguous array of %zd elements", name,
+                     (Py_ssize_t)count);
         *ok = false;
         return NULL;
     }
     return PyArray_DATA(array);
 }
 
-static bool bind_arrays(PyObject *arrays, const csm_render_desc *desc, csm_render_out *out)
-{
+static bool bind_arrays(PyObject *arrays, const csm_render_desc *desc, csm_render_out *out) {
     bool ok = true;
     npy_intp pixels = (npy_intp)desc->camera.width * desc->camera.height;
     npy_intp points = (npy_intp)desc->point_count;
@@ -373,8 +366,7 @@ static bool bind_arrays(PyObject *arrays, const csm_render_desc *desc, csm_rende
     return ok;
 }
 
-static PyObject *lists_of(const csm_render_out *out, int cascades)
-{
+static PyObject *lists_of(const csm_render_out *out, int cascades) {
     PyObject *timings = PyDict_New(), *items = PyList_New(0), *triangles = PyList_New(0);
     bool complete = timings && items && triangles;
     for (int i = 0; i < out->timing_count && complete; i++) {
@@ -400,8 +392,7 @@ static PyObject *lists_of(const csm_render_out *out, int cascades)
                          "triangles_drawn", triangles);
 }
 
-static PyObject *result_of(const csm_render_out *out, const csm_cascades *cascades)
-{
+static PyObject *result_of(const csm_render_out *out, const csm_cascades *cascades) {
     PyObject *lists = lists_of(out, cascades->count);
     PyObject *fitted = lists ? csm_py_new_cascades(cascades) : NULL;
     if (!fitted) {
@@ -419,8 +410,7 @@ PyDoc_STRVAR(render_doc,
              "render(scene, camera, to_light, settings, scene_bounds, held_step, outputs, arrays, "
              "points)\n--\n\nFits cascades, runs the plan, fills the arrays of the dict.");
 
-static PyObject *renderer_render(PyObject *object, PyObject *args)
-{
+static PyObject *renderer_render(PyObject *object, PyObject *args) {
     PyObject *capsule, *camera, *to_light, *settings, *bounds, *held_step, *arrays, *points;
     csm_renderer *renderer = open_renderer(object);
     csm_py_fit fit;
@@ -469,7 +459,8 @@ static PyObject *renderer_render(PyObject *object, PyObject *args)
 }
 
 static PyMethodDef renderer_methods[] = {
-    {"close", renderer_close, METH_NOARGS, "close()\n--\n\nDestroys the context; again does nothing."},
+    {"close", renderer_close, METH_NOARGS,
+     "close()\n--\n\nDestroys the context; again does nothing."},
     {"describe", renderer_describe, METH_NOARGS, "describe()\n--\n\nDriver, limits and counts."},
     {"reload", renderer_reload, METH_NOARGS, "reload()\n--\n\nForgets every program."},
     {"messages", renderer_messages, METH_NOARGS,
@@ -496,10 +487,8 @@ static PyType_Spec renderer_spec = {
     .slots = renderer_slots,
 };
 
-int csm_py_add_renderer_type(PyObject *module)
-{
+int csm_py_add_renderer_type(PyObject *module) {
     csm_module_state *state = PyModule_GetState(module);
-    state->renderer_type =
-        (PyTypeObject *)PyType_FromModuleAndSpec(module, &renderer_spec, NULL);
+    state->renderer_type = (PyTypeObject *)PyType_FromModuleAndSpec(module, &renderer_spec, NULL);
     return state->renderer_type ? PyModule_AddType(module, state->renderer_type) : -1;
 }

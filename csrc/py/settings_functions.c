@@ -4,8 +4,7 @@
 #include <string.h>
 
 /* Number of a choice in a row's list, -1 if it is none of them. */
-static int choice_number(const csm_effect_info *row, const char *choice)
-{
+static int choice_number(const csm_effect_info *row, const char *choice) {
     int number = 0;
     size_t wanted = strlen(choice);
     for (const char *at = row->choices; *at; number++) {
@@ -18,8 +17,7 @@ static int choice_number(const csm_effect_info *row, const char *choice)
     return -1;
 }
 
-static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out)
-{
+static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out) {
     PyObject *value = PyObject_GetAttrString(settings, row->name);
     if (!value) {
         return -1;
@@ -30,8 +28,8 @@ static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out
         *out = choice ? choice_number(row, choice) : -1;
         status = *out < 0 ? -1 : 0;
         if (status < 0 && !PyErr_Occurred()) {
-            PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name, row->choices,
-                         value);
+            PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name,
+                         row->choices, value);
         }
     } else if (row->type == CSM_TYPE_BOOL) {
         *out = PyObject_IsTrue(value);
@@ -44,8 +42,7 @@ static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out
 }
 
 /* map_size is one number for all cascades or a sequence of one per cascade. */
-static int parse_map_size(PyObject *settings, int count, int *out)
-{
+static int parse_map_size(PyObject *settings, int count, int *out) {
     PyObject *value = PyObject_GetAttrString(settings, "map_size");
     if (!value) {
         return -1;
@@ -67,8 +64,7 @@ static int parse_map_size(PyObject *settings, int count, int *out)
     return status;
 }
 
-static int parse_manual_splits(PyObject *settings, int count, double *out)
-{
+static int parse_manual_splits(PyObject *settings, int count, double *out) {
     PyObject *value = PyObject_GetAttrString(settings, "manual_splits");
     if (!value) {
         return -1;
@@ -89,8 +85,7 @@ static int parse_manual_splits(PyObject *settings, int count, double *out)
     return status;
 }
 
-int csm_py_parse_settings(PyObject *settings, csm_settings *out)
-{
+int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
     memset(out, 0, sizeof *out);
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         const csm_effect_info *row = csm_effect_describe(i);
@@ -113,8 +108,7 @@ int csm_py_parse_settings(PyObject *settings, csm_settings *out)
     return 0;
 }
 
-static int parse_valid(PyObject *module, PyObject *object, csm_settings *out)
-{
+static int parse_valid(PyObject *module, PyObject *object, csm_settings *out) {
     csm_error err = {0};
     if (csm_py_parse_settings(object, out) < 0) {
         return -1;
@@ -129,8 +123,7 @@ static int parse_valid(PyObject *module, PyObject *object, csm_settings *out)
 PyDoc_STRVAR(validate_settings_doc, "validate_settings(settings)\n--\n\n"
                                     "ValueError with every problem, one per line.");
 
-static PyObject *validate_settings(PyObject *module, PyObject *object)
-{
+static PyObject *validate_settings(PyObject *module, PyObject *object) {
     csm_settings settings;
     if (parse_valid(module, object, &settings) < 0) {
         return NULL;
@@ -138,8 +131,7 @@ static PyObject *validate_settings(PyObject *module, PyObject *object)
     Py_RETURN_NONE;
 }
 
-static PyObject *choice_text(const csm_effect_info *row, int value)
-{
+static PyObject *choice_text(const csm_effect_info *row, int value) {
     const char *at = row->choices;
     for (; value > 0; value--) {
         at += strcspn(at, " ") + 1;
@@ -147,8 +139,7 @@ static PyObject *choice_text(const csm_effect_info *row, int value)
     return PyUnicode_FromStringAndSize(at, (Py_ssize_t)strcspn(at, " "));
 }
 
-static PyObject *effect_value(const csm_effect_info *row, int value)
-{
+static PyObject *effect_value(const csm_effect_info *row, int value) {
     switch (row->type) {
     case CSM_TYPE_ENUM:
         return choice_text(row, value);
@@ -159,8 +150,7 @@ static PyObject *effect_value(const csm_effect_info *row, int value)
     }
 }
 
-static PyObject *floats(const double *values, int count)
-{
+static PyObject *floats(const double *values, int count) {
     PyObject *tuple = PyTuple_New(count);
     for (int i = 0; i < count && tuple; i++) {
         PyObject *value = PyFloat_FromDouble(values[i]);
@@ -173,8 +163,7 @@ static PyObject *floats(const double *values, int count)
     return tuple;
 }
 
-static int set_item(PyObject *dict, const char *key, PyObject *value)
-{
+static int set_item(PyObject *dict, const char *key, PyObject *value) {
     int status = value ? PyDict_SetItemString(dict, key, value) : -1;
     Py_XDECREF(value);
     return status;
@@ -184,8 +173,7 @@ PyDoc_STRVAR(canonical_settings_doc,
              "canonical_settings(settings)\n--\n\n"
              "dict of the settings that matter, meaningless ones at their defaults.");
 
-static PyObject *canonical_settings(PyObject *module, PyObject *object)
-{
+static PyObject *canonical_settings(PyObject *module, PyObject *object) {
     csm_settings settings;
     PyObject *dict = NULL;
     if (parse_valid(module, object, &settings) < 0 || !(dict = PyDict_New())) {
@@ -197,8 +185,7 @@ static PyObject *canonical_settings(PyObject *module, PyObject *object)
     double sizes[CSM_MAX_CASCADES];
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         const csm_effect_info *row = csm_effect_describe(i);
-        if (row->name[0] &&
-            set_item(dict, row->name, effect_value(row, settings.effects[i])) < 0) {
+        if (row->name[0] && set_item(dict, row->name, effect_value(row, settings.effects[i])) < 0) {
             goto fail;
         }
     }
@@ -206,11 +193,14 @@ static PyObject *canonical_settings(PyObject *module, PyObject *object)
         sizes[i] = settings.map_size[i];
     }
     if (set_item(dict, "map_size", floats(sizes, count)) < 0 ||
-        set_item(dict, "manual_splits", floats(settings.manual_splits, manual ? count - 1 : 0)) < 0 ||
+        set_item(dict, "manual_splits", floats(settings.manual_splits, manual ? count - 1 : 0)) <
+            0 ||
         set_item(dict, "lam", PyFloat_FromDouble(settings.lam)) < 0 ||
-        set_item(dict, "constant_bias_texels", PyFloat_FromDouble(settings.constant_bias_texels)) < 0 ||
+        set_item(dict, "constant_bias_texels", PyFloat_FromDouble(settings.constant_bias_texels)) <
+            0 ||
         set_item(dict, "slope_bias", PyFloat_FromDouble(settings.slope_bias)) < 0 ||
-        set_item(dict, "normal_offset_texels", PyFloat_FromDouble(settings.normal_offset_texels)) < 0) {
+        set_item(dict, "normal_offset_texels", PyFloat_FromDouble(settings.normal_offset_texels)) <
+            0) {
         goto fail;
     }
     return dict;
@@ -222,8 +212,7 @@ fail:
 PyDoc_STRVAR(effect_table_doc, "effect_table()\n--\n\n"
                                "Rows of the effect table as dicts, in order.");
 
-static PyObject *effect_table(PyObject *module, PyObject *unused)
-{
+static PyObject *effect_table(PyObject *module, PyObject *unused) {
     (void)module;
     (void)unused;
     static const char *const types[] = {"bool", "int", "enum"};
@@ -246,8 +235,7 @@ PyDoc_STRVAR(bias_terms_doc, "bias_terms(settings)\n--\n\n"
                              "Effective bias (receiver_plane, constant_texels, slope_texels, "
                              "normal_offset_texels, depth share, roundings).");
 
-static PyObject *bias_terms(PyObject *module, PyObject *object)
-{
+static PyObject *bias_terms(PyObject *module, PyObject *object) {
     csm_settings settings;
     if (parse_valid(module, object, &settings) < 0) {
         return NULL;
@@ -260,8 +248,7 @@ static PyObject *bias_terms(PyObject *module, PyObject *object)
                          bias.roundings);
 }
 
-static PyObject *plan_lists(const csm_plan *plan)
-{
+static PyObject *plan_lists(const csm_plan *plan) {
     PyObject *steps = PyList_New(0), *textures = PyList_New(0), *programs = PyList_New(0);
     bool complete = steps && textures && programs;
     for (int i = 0; i < plan->step_count && complete; i++) {
@@ -273,9 +260,9 @@ static PyObject *plan_lists(const csm_plan *plan)
     }
     for (int i = 0; i < plan->texture_count && complete; i++) {
         const csm_plan_texture *texture = &plan->textures[i];
-        PyObject *item = Py_BuildValue("(ssiiiK)", texture->name, texture->format, texture->width,
-                                       texture->height, texture->layers,
-                                       (unsigned long long)texture->bytes);
+        PyObject *item =
+            Py_BuildValue("(ssiiiK)", texture->name, texture->format, texture->width,
+                          texture->height, texture->layers, (unsigned long long)texture->bytes);
         complete = item && PyList_Append(textures, item) == 0;
         Py_XDECREF(item);
     }
@@ -297,8 +284,7 @@ static PyObject *plan_lists(const csm_plan *plan)
 PyDoc_STRVAR(plan_doc, "plan(settings, width, height, outputs)\n--\n\n"
                        "(steps, textures, programs, bytes) of a frame; outputs is a bit set.");
 
-static PyObject *plan(PyObject *module, PyObject *args)
-{
+static PyObject *plan(PyObject *module, PyObject *args) {
     PyObject *object;
     int width, height;
     unsigned outputs;
@@ -318,8 +304,7 @@ static PyObject *plan(PyObject *module, PyObject *args)
 PyDoc_STRVAR(program_defines_doc, "program_defines(pass_name, settings, outputs)\n--\n\n"
                                   "The #define lines a pass is compiled with.");
 
-static PyObject *program_defines(PyObject *module, PyObject *args)
-{
+static PyObject *program_defines(PyObject *module, PyObject *args) {
     const char *pass_name;
     PyObject *object;
     unsigned outputs;
