@@ -30,10 +30,19 @@ HELD_STEP_SHARE = 0.05  # of the view range
 HELD_TURN_COSINE = math.cos(math.radians(10.0))
 
 _alive = weakref.WeakSet()
+_opened = set()  # back ends this process has opened, and those of the process it was forked from
+_lost = set()
+
+SPAWN_HINT = "start processes with multiprocessing's 'spawn' and make a Renderer there"
 
 
 def _forget_after_fork():
-    """In a forked child: contexts are the parent's; locks may be held by threads that are gone."""
+    """In a forked child: contexts are the parent's; locks may be held by threads that are gone.
+
+    So may be a driver's: Mesa keeps one set of worker threads for all contexts, and a context
+    made after the fork would wait for them for ever.
+    """
+    _lost.update(_opened)
     for renderer in list(_alive):
         renderer._lock = threading.RLock()
         renderer._forked = True
@@ -120,8 +129,7 @@ class Renderer:
     def _open_core(self):
         if self._forked:
             raise ContextError(
-                "renderer was made before a fork: a context does not survive it, make a new "
-                "Renderer in the child"
+                f"renderer was made before a fork: a context does not survive it, {SPAWN_HINT}"
             )
         if self._core is None:
             raise ContextError("renderer is closed")
@@ -335,6 +343,12 @@ def _on_main_thread():
 def _open_one(name, debug, folder):
     if name == "glfw" and not _on_main_thread():
         raise ContextError("glfw: a GLFW renderer must be opened on the main thread")
+    if name in _lost:
+        raise ContextError(
+            f"{name}: this process was forked from one that had opened {name}, whose driver does "
+            f"not survive it: {SPAWN_HINT}"
+        )
+    _opened.add(name)
     try:
         return _core.Renderer(_core.BACKENDS.index(name), debug, folder)
     except ContextError as error:
@@ -342,12 +356,13 @@ def _open_one(name, debug, folder):
 
 
 def _open(backend, debug, folder):
-    if backend == "auto":
-        backend = os.environ.get("CSM_BACKEND") or "auto"
+    source = "backend"
+    if backend == "auto" and os.environ.get("CSM_BACKEND"):
+        backend, source = os.environ["CSM_BACKEND"], "CSM_BACKEND"
     if backend != "auto":
         if backend not in _core.BACKENDS:
             raise ValueError(
-                f"backend must be one of auto, {', '.join(_core.BACKENDS)} (got {backend!r})"
+                f"{source} must be one of auto, {', '.join(_core.BACKENDS)} (got {backend!r})"
             )
         return _open_one(backend, debug, folder)
     reasons = []

@@ -16,8 +16,8 @@
 static csm_status enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err) {
     if (renderer->owner != getpid()) {
         return csm_fail(err, CSM_ERROR_CONTEXT_LOST,
-                        "renderer was made before a fork: a context does not survive it, make a "
-                        "new Renderer in the child");
+                        "renderer was made before a fork: a context does not survive it, make "
+                        "another in a process that was started anew");
     }
     if (pthread_mutex_lock(&renderer->lock)) {
         return csm_fail(
