@@ -253,7 +253,7 @@ def test_out_must_be_a_folder_that_can_be_written(tmp_path, capsys):
 def test_an_unknown_back_end_in_the_environment(tmp_path, capsys, monkeypatch):
     monkeypatch.setenv("CSM_BACKEND", "vulkan")
     line = refused(capsys, "render", "plane_and_box", "--out", tmp_path / "out")
-    assert "backend must be one of auto, egl, osmesa, glfw (got 'vulkan')" in line
+    assert "CSM_BACKEND must be one of auto, egl, osmesa, glfw (got 'vulkan')" in line
     assert files(tmp_path / "out") is None
 
 
