@@ -104,7 +104,7 @@ def output_bits(outputs, points=False):
     return bits, names
 
 
-def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS):
+def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS, instanced=False):
     """What rendering with these settings runs and holds; needs no OpenGL.
 
     Parameters
@@ -114,6 +114,8 @@ def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS):
         Width and height of the camera in pixels.
     outputs : sequence of str
         As for `Renderer.render`.
+    instanced : bool
+        Whether the scene draws a mesh more than once: pixels then name their instance too.
 
     Returns
     -------
@@ -129,16 +131,18 @@ def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS):
     --------
     >>> import csm
     >>> print(csm.plan(csm.ShadowSettings(filter="none"), outputs=("mask",)))
-    2 passes, 2 programs, 33,177,600 bytes
+    2 passes, 2 programs, 24,883,200 bytes
       pass     view
       pass     shadow_mask
-      texture  view_ids rg32ui 1920 x 1080 x 1: 16,588,800 bytes
+      texture  view_ids r32ui 1920 x 1080 x 1: 8,294,400 bytes
       texture  view_depth d32f 1920 x 1080 x 1: 8,294,400 bytes
       buffers  8,294,400 bytes
     """
     check_kinds(settings=settings)
     bits, _ = output_bits(outputs)
-    steps, textures, programs, total = _core.plan(settings, *checked_size(size), bits)
+    steps, textures, programs, total = _core.plan(
+        settings, *checked_size(size), bits, bool(instanced)
+    )
     return Plan(
         tuple(Pass(name, None if cascade < 0 else cascade, key) for name, cascade, key in steps),
         tuple(Texture(*texture) for texture in textures),

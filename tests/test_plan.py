@@ -10,7 +10,7 @@ import csm
 SIZE = (40, 24)
 PIXELS = SIZE[0] * SIZE[1]
 DEPTH_BYTES = {"d32f": 4, "d24": 4, "d16": 2}
-VIEW_TEXTURES = {"view_ids": 8, "view_depth": 4}
+VIEW_TEXTURES = {"view_ids": 4, "view_depth": 4}
 # mask, view_depth: a float; valid and cascade_index share a word; normal: three floats
 OUTPUT_BYTES = {"mask": 4, "valid": 4, "view_depth": 4, "cascade_index": 4, "normal": 12}
 

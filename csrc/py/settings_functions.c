@@ -281,20 +281,21 @@ static PyObject *plan_lists(const csm_plan *plan) {
     return Py_BuildValue("(NNNK)", steps, textures, programs, (unsigned long long)plan->bytes);
 }
 
-PyDoc_STRVAR(plan_doc, "plan(settings, width, height, outputs)\n--\n\n"
+PyDoc_STRVAR(plan_doc, "plan(settings, width, height, outputs, instanced=False)\n--\n\n"
                        "(steps, textures, programs, bytes) of a frame; outputs is a bit set.");
 
 static PyObject *plan(PyObject *module, PyObject *args) {
     PyObject *object;
-    int width, height;
+    int width, height, instanced = 0;
     unsigned outputs;
     csm_settings settings;
     csm_plan made;
     csm_error err = {0};
-    if (!PyArg_ParseTuple(args, "OiiI:plan", &object, &width, &height, &outputs) ||
+    if (!PyArg_ParseTuple(args, "OiiI|p:plan", &object, &width, &height, &outputs, &instanced) ||
         parse_valid(module, object, &settings) < 0) {
         return NULL;
     }
+    settings.effects[CSM_EFFECT_INSTANCES] = instanced;
     if (csm_plan_make(&settings, width, height, outputs, &made, &err) != CSM_OK) {
         return csm_py_raise(module, &err);
     }
