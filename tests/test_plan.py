@@ -168,7 +168,7 @@ def test_each_output_compiles_its_own_mask_pass_but_not_its_own_maps():
 def test_plan_prints_its_passes_textures_and_bytes():
     settings = csm.ShadowSettings(cascade_count=2, map_size=64)
     lines = str(csm.plan(settings, size=(8, 4), outputs=("mask",))).splitlines()
-    assert lines[0] == f"4 passes, 3 programs, {8 * 4 * 16 + 2 * 64 * 64 * 4:,} bytes"
+    assert lines[0] == f"4 passes, 3 programs, {8 * 4 * 12 + 2 * 64 * 64 * 4:,} bytes"
     assert [line.split()[1] for line in lines if line.split()[0] == "pass"] == [
         "view", "shadow_map", "shadow_map", "shadow_mask",
     ]  # fmt: skip
