@@ -24,8 +24,9 @@ class Frame:
     cascade_index : (h, w) uint8
         255 = none: beyond the shadow range, lit.
     shadow_maps : (n, size, size) float32
-        ``[cascade, v, u]``, v = 0 at the bottom; depth 0 at the caster side, 1 far. Under the default
-        ``cull="inclusive"`` they hold what can shadow the picture; ``cull="none"`` draws everything.
+        ``[cascade, v, u]``, v = 0 at the bottom; depth 0 at the caster side, 1 far. Under the
+        default ``cull="inclusive"`` they hold what can shadow the picture; ``cull="none"`` draws
+        everything.
     normal : (h, w, 3) float32
         Geometric normal towards the camera, 0 where not valid; only if asked for.
     point_visibility, point_cascade : (m,) float32, (m,) uint8

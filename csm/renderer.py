@@ -230,7 +230,9 @@ class Renderer:
                     points,
                 )
             except ShaderError as error:
-                error.defines = _core.program_defines(error.pass_name, settings, bits)
+                # every mesh of a scene has an instance: more of them, and one is drawn again
+                instanced = len(scene.instance_mesh) > len(scene.meshes)
+                error.defines = _core.program_defines(error.pass_name, settings, bits, instanced)
                 raise
             finally:
                 self._tell_messages(core)

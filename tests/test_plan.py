@@ -165,6 +165,22 @@ def test_each_output_compiles_its_own_mask_pass_but_not_its_own_maps():
     assert len(set(masks)) == len(masks) == 5
 
 
+def test_instances_cost_a_word_per_pixel_and_their_own_programs(renderer, view):
+    single, *rest = view
+    settings = SETTINGS["hard"]
+    twice = csm.Scene.merge(single, single.placed((5, 0, 0)))
+    without, with_ = (
+        csm.plan(settings, size=SIZE, outputs=("mask",), instanced=instanced)
+        for instanced in (False, True)
+    )
+    assert without == csm.plan(settings, size=SIZE, outputs=("mask",))
+    assert with_.bytes - without.bytes == 4 * PIXELS
+    assert not {key for _, key in with_.programs} & {key for _, key in without.programs}
+    for plan, scene in ((without, single), (with_, twice)):
+        frame = renderer.render(scene, *rest, settings, outputs=("mask",))
+        assert frame.info["bytes"] == plan.bytes
+
+
 def test_plan_prints_its_passes_textures_and_bytes():
     settings = csm.ShadowSettings(cascade_count=2, map_size=64)
     lines = str(csm.plan(settings, size=(8, 4), outputs=("mask",))).splitlines()

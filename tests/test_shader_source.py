@@ -2,6 +2,7 @@
 
 import re
 import shutil
+import time
 from pathlib import Path
 
 import numpy as np
@@ -185,13 +186,16 @@ def test_a_log_that_is_no_utf8_hides_no_error(fresh_renderer, folder, view):
 def test_a_warning_of_the_compiler_fails_a_debug_renderer_and_names_its_line(
     fresh_renderer, folder, view
 ):
-    # Mesa reports warnings of the shader compiler with high severity; other drivers need not
+    # Mesa reports warnings of the shader compiler with high severity; other drivers need not. It
+    # keeps what it compiled on disk and warns once for a text: this one is new in every run.
     path = folder / MASK
-    edit(path, "void main()\n{", "void main()\n{\n    float never;\n    float copy = never;")
+    never = f"never_{time.time_ns()}"
+    edit(path, "void main()\n{", f"void main()\n{{\n    float {never};\n    float copy = {never};")
     renderer = fresh_renderer(shader_dir=folder)
     if "llvmpipe" not in renderer.info["renderer"]:
         pytest.skip("only Mesa is known to warn of uninitialised variables")
-    with pytest.raises(csm.GLError, match=rf"{MASK}:{line_of(path, 'copy = never')}: .*never"):
+    place = f"{MASK}:{line_of(path, 'copy = never')}"
+    with pytest.raises(csm.GLError, match=rf"{place}: .*{never}"):
         renderer.render(*view)
     renderer.render(*view)
 
@@ -202,7 +206,15 @@ def test_defines_of_an_error_are_those_of_its_pass(fresh_renderer, folder, view)
     error = failing(fresh_renderer(shader_dir=folder), (*view[:3], settings), outputs=("mask",))
     defines = dict(re.findall(r"#define CSM_(\w+) (\d+)", error.defines))
     assert defines["FILTER"] == defines["FILTER_PCF"]
+    assert defines["INSTANCES"] == "0"
     assert (defines["FILTER_SIZE"], defines["OUT_MASK"], defines["OUT_VALID"]) == ("5", "1", "0")
+
+
+def test_defines_tell_of_instances(fresh_renderer, folder, view):
+    append(folder / "view.vert", "#error stop\n")
+    twice = csm.Scene.merge(view[0], view[0].placed((5, 0, 0)))
+    error = failing(fresh_renderer(shader_dir=folder), (twice, *view[1:]))
+    assert "#define CSM_INSTANCES 1" in error.defines
 
 
 # -- after an error --------------------------------------------------------------------------------

@@ -424,7 +424,7 @@ def struct_of_the_core():
     body = re.sub(r"/\*.*?\*/", "", body, flags=re.S)
     sizes = {"CSM_MAX_CASCADES": _core.MAX_CASCADES}
     for names in re.findall(r"(?:float|int32_t)\s+([^;]+);", body):
-        for name, sides in re.findall(r"(\w+)((?:\[\w+\])+)", names):
+        for name, sides in re.findall(r"(\w+)((?:\[\w+\])+)", re.sub(r"\s+\[", "[", names)):
             counts = [sizes.get(n) or int(n) for n in re.findall(r"\w+", sides)]
             assert counts[-1] == 4, f"{name} is no vec4"
             yield name, int(np.prod(counts)) // 4

@@ -302,19 +302,23 @@ static PyObject *plan(PyObject *module, PyObject *args) {
     return plan_lists(&made);
 }
 
-PyDoc_STRVAR(program_defines_doc, "program_defines(pass_name, settings, outputs)\n--\n\n"
+PyDoc_STRVAR(program_defines_doc, "program_defines(pass_name, settings, outputs, instanced=False)\n"
+                                  "--\n\n"
                                   "The #define lines a pass is compiled with.");
 
 static PyObject *program_defines(PyObject *module, PyObject *args) {
     const char *pass_name;
     PyObject *object;
     unsigned outputs;
+    int instanced = 0;
     csm_settings settings;
     char text[8192];
-    if (!PyArg_ParseTuple(args, "sOI:program_defines", &pass_name, &object, &outputs) ||
+    if (!PyArg_ParseTuple(args, "sOI|p:program_defines", &pass_name, &object, &outputs,
+                          &instanced) ||
         parse_valid(module, object, &settings) < 0) {
         return NULL;
     }
+    settings.effects[CSM_EFFECT_INSTANCES] = instanced;
     csm_settings_canonical(&settings);
     for (int pass = 0; pass < CSM_STEP_COUNT; pass++) {
         if (!strcmp(csm_pass_name((csm_pass)pass), pass_name)) {
