@@ -1,0 +1,186 @@
+"""Typed signatures of the C extension, csrc/py; csm.h says what each function guarantees.
+
+Private: csm's own modules check and convert before they call it. ``camera`` and ``settings`` are
+read by attribute, so anything with the fields of `csm.Camera` and `csm.ShadowSettings` will do.
+Bounds are (2, 3) or (6,): min, max [m].
+"""
+
+from typing import Any, Literal, Protocol, TypedDict, final
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+_Split = Literal[0, 1, 2]  # practical, uniform, logarithmic
+_Snap = Literal[0, 1]  # exact, none
+_PassName = Literal["view", "shadow_map", "shadow_mask", "shadow_points"]
+
+class _Camera(Protocol):
+    @property
+    def eye(self) -> ArrayLike: ...
+    @property
+    def right(self) -> ArrayLike: ...
+    @property
+    def up(self) -> ArrayLike: ...
+    @property
+    def backward(self) -> ArrayLike: ...
+    @property
+    def half_width(self) -> float: ...
+    @property
+    def half_height(self) -> float: ...
+    @property
+    def near(self) -> float: ...
+    @property
+    def far(self) -> float: ...
+    @property
+    def size(self) -> ArrayLike: ...
+    @property
+    def orthographic(self) -> bool: ...
+
+class _Effect(TypedDict):
+    id: str
+    name: str  # "" where it is derived from other settings
+    type: Literal["bool", "int", "enum"]
+    default: bool | int | str
+    min: int
+    max: int
+    passes: int  # bits: shadow_map 1, view 2, shadow_mask 4, CPU 8
+    choices: str
+    help: str
+
+class _Cascades(TypedDict):
+    splits: NDArray[np.float64]  # (n + 1,) [m]
+    light_from_world: NDArray[np.float64]  # (n, 4, 4), as all matrices
+    clip_from_light: NDArray[np.float64]
+    clip_from_world: NDArray[np.float64]
+    uvz_from_world: NDArray[np.float64]
+    texel_size: NDArray[np.float64]  # (n, 2) [m]
+    lattice: NDArray[np.int64]  # (n, 2)
+    depth_range: NDArray[np.float64]  # (n, 2) [m]
+    map_size: NDArray[np.intc]  # (n,)
+    range_step: int | None
+
+class _RendererInfo(TypedDict):
+    backend: str
+    platform: str
+    vendor: str
+    renderer: str
+    version: str
+    glsl: str
+    software: bool
+    max_texture_size: int
+    max_layers: int
+    max_buffer_bytes: int
+    programs_compiled: int
+    live_objects: int
+
+class _Lists(TypedDict):
+    timings_ms: dict[str, float]
+    chunks_drawn: list[int]
+    triangles_drawn: list[int]
+
+class _Rendered(TypedDict):
+    cascades: _Cascades
+    lists: _Lists
+    clock: str
+    chunks: int
+    chunks_viewed: int
+    bytes: int
+    scene_bytes: int
+    programs_compiled: int
+
+@final
+class _GpuScene:  # a capsule: only `Renderer.upload` makes one
+    ...
+
+MAX_CASCADES: int
+BACKENDS: list[str]
+OUTPUTS: dict[str, int]  # bit of each output
+
+class CsmError(RuntimeError): ...
+class ContextError(CsmError): ...
+
+class ShaderError(CsmError):
+    pass_name: str
+    log: str
+    defines: str  # set by csm.Renderer.render
+
+class LimitError(CsmError): ...
+class GLError(CsmError): ...
+class GLWarning(RuntimeWarning): ...
+
+def split_distances(
+    near: float, far: float, count: int, scheme: _Split, lam: float
+) -> NDArray[np.float64]: ...
+def range_round_up(
+    near: float, depth: float, held_step: int | None = None
+) -> tuple[float, int]: ...
+def light_basis(to_light: ArrayLike) -> NDArray[np.float64]: ...
+def camera_matrices(camera: _Camera) -> tuple[NDArray[np.float64], NDArray[np.float64]]: ...
+def frustum_corners(camera: _Camera, near: float, far: float) -> NDArray[np.float64]: ...
+def frustum_planes(camera: _Camera, near: float, far: float) -> NDArray[np.float64]: ...
+def fit_sphere(camera: _Camera, near: float, far: float) -> tuple[float, float]: ...
+def fit_diameter(camera: _Camera, near: float, far: float) -> float: ...
+def frustum_depth_of_box(camera: _Camera, bounds: ArrayLike) -> float | None: ...
+def snap_window(
+    centre: ArrayLike, half_extent: ArrayLike, map_size: int, padding_texels: int, snap: _Snap
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]: ...
+def fit_cascades(
+    camera: _Camera,
+    to_light: ArrayLike,
+    settings: Any,
+    scene_bounds: ArrayLike | None = None,
+    held_step: int | None = None,
+) -> _Cascades: ...
+def cull_boxes(
+    camera: _Camera,
+    to_light: ArrayLike,
+    settings: Any,
+    scene_bounds: ArrayLike | None,
+    boxes: ArrayLike,
+    cascade: int,
+    margin_texels: float = 0.0,
+    whole_window: bool = False,
+) -> NDArray[np.uint32]: ...
+def validate_settings(settings: Any, /) -> None: ...
+def canonical_settings(settings: Any, /) -> dict[str, Any]: ...
+def effect_table() -> list[_Effect]: ...
+def bias_terms(settings: Any, /) -> tuple[bool, float, float, float, float, float]: ...
+def plan(
+    settings: Any, width: int, height: int, outputs: int, instanced: bool = False, /
+) -> tuple[
+    list[tuple[_PassName, int, int]],  # pass, cascade or -1, program key
+    list[tuple[str, str, int, int, int, int]],  # name, format, width, height, layers, bytes
+    list[tuple[_PassName, int]],  # pass, program key
+    int,  # bytes in all
+]: ...
+def program_defines(pass_name: _PassName, settings: Any, outputs: int, /) -> str: ...
+
+@final
+class Renderer:
+    def __new__(cls, backend: int, debug: bool, shader_folder: str) -> Renderer: ...
+    def close(self) -> None: ...
+    def describe(self) -> _RendererInfo: ...
+    def reload(self) -> None: ...
+    def messages(self) -> list[tuple[int, str, str]]: ...
+    def upload(
+        self,
+        meshes: tuple[tuple[ArrayLike, ArrayLike], ...],
+        instance_mesh: ArrayLike,
+        world_from_instance: ArrayLike,
+        origin: ArrayLike,
+        /,
+    ) -> _GpuScene: ...
+    def drop(self, scene: _GpuScene, /) -> None: ...
+    def render(
+        self,
+        scene: _GpuScene,
+        camera: _Camera,
+        to_light: ArrayLike,
+        settings: Any,
+        scene_bounds: ArrayLike | None,
+        held_step: int | None,
+        outputs: int,
+        arrays: dict[str, NDArray[Any]],
+        points: ArrayLike | None,
+        /,
+    ) -> _Rendered: ...
