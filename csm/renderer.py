@@ -22,6 +22,9 @@ __all__ = ["Renderer", "backends"]
 
 log = logging.getLogger("csm.gl")
 
+# NVIDIA says at a program's first draw that it fits the shader to the state it finds: always, and of no use.
+NVIDIA_RECOMPILED = 131218
+
 INSTALL_HINT = "install libegl1 and libgl1-mesa-dri, or libosmesa6"
 
 # A view range is held only from one frame of a walk to the next: between cameras further apart than
@@ -306,7 +309,7 @@ class Renderer:
 
     def _tell_messages(self, core):
         for number, severity, text in core.messages():
-            if severity != "medium":
+            if severity != "medium" or number == NVIDIA_RECOMPILED:
                 log.debug("%s: %s", severity, text)
             elif number not in self._warned:
                 self._warned.add(number)
