@@ -14,7 +14,8 @@ __all__ = ["EdgeYardstick", "ErrorReport", "compare", "edge_yardstick", "undersa
 LIT = 0.5  # a mask of at least this counts as lit
 NO_CASCADE = 255
 
-# Every cause of SPEC's error budget, and what telling it apart needs beside the two masks.
+# Every cause of the error budget (docs/numerics.md 15), and what telling it apart needs beside the
+# two masks.
 CAUSES = {
     "total": None,
     "aliasing": "exact visibility at the texels' centres",

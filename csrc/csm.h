@@ -150,7 +150,8 @@ typedef struct csm_bias {
 } csm_bias;
 csm_bias csm_settings_bias(const csm_settings *settings);
 
-/* Depth quantum of a format as a share of the depth range (SPEC 1.13): 1/65535, 2^-24, 2^-24. */
+/* Depth quantum of a format as a share of the depth range (docs/numerics.md 11): 1/65535 for D16,
+ * 2^-24 for the others. */
 double csm_depth_quantum(int depth_format);
 
 /* ------------------------------------------------------------------------------------------------
@@ -198,7 +199,7 @@ void csm_camera_view_from_world(const csm_camera *camera, double out[16]);
 void csm_camera_clip_from_view(const csm_camera *camera, double out[16]);
 
 /* World corners of the slice between two view depths, in the order of csm_corner. Built from the
- * tangents, never by unprojection (SPEC 1.15). */
+ * tangents, never by unprojection (docs/numerics.md 3). */
 void csm_frustum_corners(const csm_camera *camera, double near_depth, double far_depth,
                          double out_corners[CSM_CORNER_COUNT][3]);
 
@@ -211,7 +212,7 @@ void csm_frustum_planes(const csm_camera *camera, double near_depth, double far_
 bool csm_frustum_depth_of_box(const csm_camera *camera, const double bounds[6], double *out_depth);
 
 /* ------------------------------------------------------------------------------------------------
- * 4. Splits (SPEC 1.1)
+ * 4. Splits (docs/numerics.md 1 and 2)
  */
 
 /* count + 1 ascending view depths [m]; the ends are near and far to the bit. scheme is a
@@ -225,7 +226,7 @@ csm_status csm_splits_compute(double near_depth, double far_depth, int count, in
 double csm_range_round_up(double near_depth, double depth, int held_step, int *out_step);
 
 /* ------------------------------------------------------------------------------------------------
- * 5. Light basis (SPEC 1.6)
+ * 5. Light basis (docs/numerics.md 6)
  */
 
 /* Rows X, Y, Z = to_light of an orthonormal, right-handed basis, branch-free; out is the 4x4
@@ -233,7 +234,7 @@ double csm_range_round_up(double near_depth, double depth, int held_step, int *o
 csm_status csm_light_basis_orthonormal(const double to_light[3], double out[16], csm_error *err);
 
 /* ------------------------------------------------------------------------------------------------
- * 6. Cascades (SPEC 1.2 to 1.4)
+ * 6. Cascades (docs/numerics.md 3 to 8)
  */
 
 typedef struct csm_window {
@@ -242,17 +243,18 @@ typedef struct csm_window {
 } csm_window;
 
 /* Minimal bounding sphere of a symmetric slice: view depth of its centre and radius [m], from the
- * tangents and depths only (SPEC 1.2). For an orthographic camera the enclosing sphere of a box. */
+ * tangents and depths only (docs/numerics.md 4). For an orthographic camera the enclosing sphere of
+ * a box. */
 void csm_fit_sphere(const csm_camera *camera, double near_depth, double far_depth,
                     double *out_centre_depth, double *out_radius);
 
-/* Largest distance between two corners of a slice [m] (SPEC 1.3). */
+/* Largest distance between two corners of a slice [m] (docs/numerics.md 5). */
 double csm_fit_diameter(const csm_camera *camera, double near_depth, double far_depth);
 
-/* Snapped or free lower corner and texel size of a window (SPEC 1.4): half extents are widened to
- * H S / (S - 1 - 2p) when snapped and H S / (S - 2p) when not, the corner is lattice * texel_size.
- * The one place where positions are rounded. Fails if no texel is left or the lattice leaves
- * +-2^53. */
+/* Snapped or free lower corner and texel size of a window (docs/numerics.md 7): half extents are
+ * widened to H S / (S - 1 - 2p) when snapped and H S / (S - 2p) when not; a snapped corner is
+ * lattice * texel_size. The one place where positions are rounded. Fails if no texel is left or the
+ * lattice leaves +-2^53. */
 csm_status csm_snap_window(const csm_window *window, int map_size, int padding_texels, int snap,
                            double out_corner[2], double out_texel_size[2], int64_t out_lattice[2],
                            csm_error *err);
@@ -287,7 +289,7 @@ typedef struct csm_cascades {
 csm_status csm_cascades_fit(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
 
 /* ------------------------------------------------------------------------------------------------
- * 7. Scene geometry and culling (SPEC 1.11)
+ * 7. Scene geometry and culling (docs/numerics.md 10 and 12)
  */
 
 typedef struct csm_mesh_view {

@@ -1,5 +1,5 @@
 """What a mask must be, given the frame's own maps, depths and normals: every compare and every
-choice of cascade of every pixel, in doubles [SPEC 1.13].
+choice of cascade of every pixel, in doubles (docs/numerics.md 11).
 
 Shaders compute in float32. A compare or a texel that float32 may decide either way makes the answer
 an interval: `lowest` counts every such compare as shadowed, `highest` as lit.
@@ -29,7 +29,7 @@ class Bias:
 
 
 def bias_of(settings):
-    """CONTRACT: `auto` by the filter, `manual` by the numbers."""
+    """`auto` by the filter, `manual` by the numbers."""
     if settings.bias == "manual":
         return Bias(
             settings.receiver_plane,

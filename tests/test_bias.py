@@ -1,5 +1,5 @@
 """Biases on planes of every slope: no acne with the closed form, acne without it, shadows not lost
-by more than theory says [SPEC 1.13, D1, D2]."""
+by more than theory says (docs/numerics.md 11; D1 and D2 of 16)."""
 
 import mask_oracle
 import numpy as np
@@ -65,7 +65,7 @@ def filter_of(filter_size):
 
 
 def closed_form(frame, reach, depth_format, share=1.0):
-    """Manual biases that make up `share` of the slope term of SPEC 1.13, all of the other terms."""
+    """Manual biases: `share` of the slope term of docs/numerics.md 11, all of the other terms."""
     span = np.diff(frame.cascades.depth_range[0])[0]
     texel = frame.cascades.texel_size[0].max()
     quantum = mask_oracle.QUANTUM[depth_format]

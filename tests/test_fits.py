@@ -34,7 +34,7 @@ def tangents(ratio):
 
 
 # -------------------------------------------------------------------------------------------------
-# The fits themselves (SPEC 1.2, 1.3)
+# The fits themselves (docs/numerics.md 4 and 5)
 
 
 @pytest.mark.parametrize("ratio", RATIOS)
@@ -119,7 +119,7 @@ def test_texels_of_the_diameter_fit_are_never_larger_than_of_the_sphere():
 
 
 # -------------------------------------------------------------------------------------------------
-# Coverage and selection (C1, C2, W1)
+# Coverage and selection (C1 and W1 of docs/numerics.md 16)
 
 
 def light_at(camera, angle_deg, rng):

@@ -83,8 +83,9 @@ def test_matrix_is_indexed_row_column_with_column_major_memory():
 
 @pytest.mark.parametrize("side", [1.0, -1.0])
 def test_the_axes_turn_with_the_light_over_the_zenith(side):
-    # The one discontinuity is at z = 0-/0+ (SPEC 1.6). On either side of it the steepest entry is
-    # 1 - x^2 / (1 + |z|), whose gradient (2x, x^2) is at most sqrt(5) long: 3 steps with rounding.
+    # The one discontinuity is at z = 0-/0+ (docs/numerics.md 6). On either side of it the steepest
+    # entry is 1 - x^2 / (1 + |z|), whose gradient (2x, x^2) is at most sqrt(5) long: 3 steps
+    # with rounding.
     step = 1e-4
     angles = step * np.arange(-2000, 2001)
     path = np.stack([np.sin(angles), np.cos(angles), np.full_like(angles, side * 1e-3)], axis=1)

@@ -244,7 +244,7 @@ def test_undersampling_is_the_longest_texel_in_pixels(orthographic):
 
 
 def test_undersampling_of_a_facing_plane_is_texel_over_pixel():
-    """SPEC 1.16: m_persp = t H / (2 ty z), and projection adds nothing head-on."""
+    """docs/numerics.md 13: m = t H / (2 ty z), and projection adds nothing head-on."""
     camera = Camera.look_at((0, 10, 0), (0, 0, 0), up=(0, 0, -1), fov_y_deg=40, size=(9, 9))
     frame, truth = plane_view(camera, Sun((0, 1, 0)), (0, 1, 0), [(0.25, 0.1)])
     expected = 0.25 * 9 / (2 * math.tan(math.radians(20)) * 10)

@@ -14,8 +14,8 @@ from hypothesis import strategies as st
 import csm
 from csm import _core
 
-# Written from CONTRACT's table of settings, not from the code.
-CONTRACT_DEFAULTS = {
+# What scripts rely on, written down apart from the code.
+PUBLIC_DEFAULTS = {
     "cascade_count": 4,
     "map_size": 2048,
     "split": "practical",
@@ -54,9 +54,9 @@ def documented(name):
     return match[1], match[2]
 
 
-@pytest.mark.parametrize("name", CONTRACT_DEFAULTS)
+@pytest.mark.parametrize("name", PUBLIC_DEFAULTS)
 def test_default_is_that_of_the_contract(name):
-    assert getattr(csm.ShadowSettings(), name) == CONTRACT_DEFAULTS[name]
+    assert getattr(csm.ShadowSettings(), name) == PUBLIC_DEFAULTS[name]
 
 
 @pytest.mark.parametrize("name", OFF)
@@ -65,7 +65,7 @@ def test_default_is_off(name):
 
 
 def test_every_field_is_known_here():
-    assert FIELDS.keys() == CONTRACT_DEFAULTS.keys() | OFF.keys()
+    assert FIELDS.keys() == PUBLIC_DEFAULTS.keys() | OFF.keys()
 
 
 @pytest.mark.parametrize("name", TABLE)

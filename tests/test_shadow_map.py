@@ -43,7 +43,7 @@ def test_a_box_under_an_overhead_sun_in_closed_form(renderer):
     frame = render_maps(renderer, scene, scene.cameras["corner"], csm.Sun((0, 1, 0)), settings)
     cascades = frame.cascades
     for i, stored in enumerate(frame.shadow_maps.astype(np.float64)):
-        # SPEC 1.6 for (0, 1, 0): light x is world x, light y is world -z.
+        # docs/numerics.md 6 for (0, 1, 0): light x is world x, light y is world -z.
         corner = cascades.lattice[i] * cascades.texel_size[i]
         x, minus_z = corner[:, None] + (np.arange(128) + 0.5) * cascades.texel_size[i][:, None]
         near, far = cascades.depth_range[i]

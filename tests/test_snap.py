@@ -1,4 +1,5 @@
-"""Exact stabilisation: the texel grid stays where it is in the world, in x, y and in depth."""
+"""Exact stabilisation: the texel grid stays where it is in the world, in x, y and in depth (X1 and
+D3 of docs/numerics.md 16)."""
 
 import itertools
 
@@ -62,7 +63,7 @@ def check_path(kind, size, padding, sun, fit, steps, rng):
         scale = cascades.clip_from_light[:, [0, 1], [0, 1]]
         corner = (-1 - cascades.clip_from_light[:, :2, 3]) / scale
         texels_off = np.abs(corner).max() / texel.min() + size
-        # SPEC X1: the window's corner is a whole number of texels, to 8 roundings of its distance.
+        # X1: the window's corner is a whole number of texels, to 8 roundings of its distance.
         rounding = 8 * 2.0**-52 * texels_off
         assert np.abs(corner / texel - cascades.lattice).max() <= rounding
         # The place of fixed points within their texels: u * S counts from the window's corner, the
@@ -136,7 +137,7 @@ def test_rounding_of_the_range_is_the_only_change_of_texel_size():
 
 
 # -------------------------------------------------------------------------------------------------
-# Depth (SPEC 1.4, D3): with pancaking the range moves, by whole quanta
+# Depth (docs/numerics.md 8): with pancaking the range moves, by whole quanta
 
 
 @pytest.mark.parametrize("depth_format", ["d16", "d24"])
@@ -178,7 +179,7 @@ def test_decoded_depth_of_static_points_is_constant(depth_format, extent):
 
 
 # -------------------------------------------------------------------------------------------------
-# The window (SPEC 1.4)
+# The window (docs/numerics.md 7)
 
 
 @given(
@@ -206,7 +207,7 @@ def test_a_padded_window_keeps_its_content_inside(centre, half, size, padding, s
 
 
 def test_unit_of_snapping_is_one_texel_and_the_corner_is_snapped():
-    # 2H/S, not R/S (the printed listing of the literature): SPEC 2. 8 texels of 1 m, one for
+    # 2H/S, not R/S (the listing of [Zhang2009]). 8 texels of 1 m, one for
     # rounding: a window of half extent 3.5 m.
     for size in (8, 9):
         half = (size - 1) / 2

@@ -1,7 +1,8 @@
 """Every convention of docs/conventions.md, pinned by a known point at a known place.
 
 Most scenes are rectangles whose edges lie on texel edges, under suns along an axis: there the
-light's axes are world axes (SPEC 1.6), so every expectation is counted in whole texels or pixels.
+light's axes are world axes (docs/numerics.md 6), so every expectation is counted in whole texels or
+pixels.
 """
 
 import re
@@ -236,8 +237,8 @@ def test_depth_is_minus_light_z_and_0_at_the_caster_side(walk):
 def test_a_known_point_lands_on_a_known_texel(renderer, evidence):
     """Two rectangles of whole texels over a ground: the map is what one paints by hand.
 
-    Under the overhead sun SPEC 1.6 gives light x = world x, light y = -world z, so the texel of a
-    point is (-z / t - lattice_y, x / t - lattice_x) as [v, u].
+    Under the overhead sun light x = world x and light y = -world z (docs/numerics.md 6), so the
+    texel of a point is (-z / t - lattice_y, x / t - lattice_x) as [v, u].
     """
     ground = (-12.0, 12.0, 0.0, -12.0, 12.0)
     camera = csm.Camera.look_at((0, 2, 6), (0, 0, 0), far=40, size=(64, 36))

@@ -1,8 +1,8 @@
 /* cascades.c: fits a light window to each slice of the view.
  *
  * In: camera, direction to the light, settings, bounds of the scene. Out: splits, matrices, texel
- * sizes, lattice and depth ranges. Sphere, diameter and snapping: SPEC 1.2 to 1.4. A radius comes
- * from tangents and depths alone, never from transformed corners: jitter in its last bit would move
+ * sizes, lattice and depth ranges. The formulas: docs/numerics.md 2 to 8. A radius comes from
+ * tangents and depths alone, never from transformed corners: jitter in its last bit would move
  * the texel grid by a fraction of a texel far from the world origin.
  */
 #include "csm.h"
@@ -79,7 +79,7 @@ static slab fit_slice(const csm_camera *camera, const double light_from_world[16
     if (fit != CSM_FIT_SPHERE) {
         slab out = slice_bounds(camera, light_from_world, near_depth, far_depth);
         if (fit == CSM_FIT_DIAMETER) {
-            /* No side of a box round the slice exceeds its diameter (SPEC 1.3). */
+            /* No side of a box round the slice exceeds its diameter (docs/numerics.md 5). */
             const double half = 0.5 * csm_fit_diameter(camera, near_depth, far_depth);
             out.half[0] = out.half[1] = out.half[2] = half;
         }
@@ -167,7 +167,7 @@ static void scene_depth_range(const double bounds[6], const double light_from_wo
 
 /* Depth range that moves with a slice. Its span is constant where the slab's is, and near lies on a
  * lattice of 1/255 of the span: 255 divides 2^16 - 1 and 2^24 - 1, so that near moves by whole
- * quanta of either format and a static point keeps its decoded depth (SPEC 1.4). */
+ * quanta of either format and a static point keeps its decoded depth (docs/numerics.md 8). */
 static void slice_depth_range(const slab *slice, double margin, bool towards_light, int snap,
                               double *out_near, double *out_span) {
     const double half = slice->half[2] * (1.0 + 1e-6) + margin;

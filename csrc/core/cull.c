@@ -3,7 +3,7 @@
  * In: world boxes, and a cascade's volume or a camera. Out: the boxes that may matter. What can
  * throw a shadow into the picture through a cascade lies above the visible part of the view, seen
  * from the light: inside its outline in light x, y, inside the cascade's window, and not wholly
- * below it (SPEC 1.11). Every test errs towards drawing.
+ * below it (docs/numerics.md 10). Every test errs towards drawing.
  */
 #include <stdlib.h>
 

@@ -154,11 +154,11 @@ csm_bias csm_settings_bias(const csm_settings *settings) {
             .normal_offset_texels = settings->normal_offset_texels,
         };
     }
-    /* SPEC 1.13: at the fetched texel's centre the receiver's plane is exact but for half a quantum
-     * and float32 rounding (4 ulp of the range); a quarter texel of slope covers meshes, whose
-     * facet at the texel's centre may be another. Far from the eye or the origin the receiver's own
-     * float32 position is coarser than a quantum. The hardware's 2x2 compare has one reference
-     * depth for four texels, up to a whole texel away along each axis. */
+    /* docs/numerics.md 11: at the fetched texel's centre the receiver's plane is exact but for half
+     * a quantum and float32 rounding (4 ulp of the range); a quarter texel of slope covers meshes,
+     * whose facet at the texel's centre may be another. Far from the eye or the origin the
+     * receiver's own float32 position is coarser than a quantum. The hardware's 2x2 compare has one
+     * reference depth for four texels, up to a whole texel away along each axis. */
     bool two_by_two =
         effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
     double quantum = csm_depth_quantum(effects[CSM_EFFECT_DEPTH_FORMAT]);

@@ -1,7 +1,8 @@
 /* frustum.c: corners and planes of a slice of the camera's view, and what a box holds of it.
  *
  * In: a camera, two view depths [m]. Out: world corners, world planes, matrices, all from the
- * camera's axes and tangents: unprojecting clip space would lose eps * far / near (SPEC 1.15).
+ * camera's axes and tangents: unprojecting clip space would lose eps * far / near
+ * (docs/numerics.md 3).
  */
 #include "frustum.h"
 

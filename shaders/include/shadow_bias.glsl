@@ -1,6 +1,6 @@
-// shadow_bias.glsl: how far a receiver is lifted before it is compared [SPEC 1.13: the smallest bias free of
-// acne is the slope times the distance between the compared point and the texel's centre, plus half a
-// depth quantum].
+// shadow_bias.glsl: how far a receiver is lifted before it is compared. The smallest bias free
+// of acne is the slope times the distance between the compared point and the texel's centre, plus half a depth quantum
+// (docs/numerics.md 11).
 
 // A plane steeper than this against the light (0.06 degrees from edge-on) moves by hundreds of texels of depth per
 // texel: its rounding alone would reach past whole rooms.
