@@ -117,11 +117,25 @@ static void save_osmesa(csm_saved_binding *saved) {
     }
 }
 
+/* GLX ends the process with an X error when it binds while the thread has a context of EGL, and
+ * EGL refuses beside GLX: whatever was there is released first. */
+static void release_saved(const csm_saved_binding *saved) {
+    if (saved->egl_context) {
+        egl_make_current bind = LOADED(egl_make_current, EGL_LIBRARY, "eglMakeCurrent");
+        bind(saved->egl_display, NULL, NULL, NULL);
+    }
+    if (saved->glx_context) {
+        glx_make_current bind = LOADED(glx_make_current, GLX_LIBRARY, "glXMakeCurrent");
+        bind(saved->glx_display, 0, NULL);
+    }
+}
+
 void csm_binding_save(csm_saved_binding *saved) {
     memset(saved, 0, sizeof *saved);
     save_egl(saved);
     save_glx(saved);
     save_osmesa(saved);
+    release_saved(saved);
 }
 
 void csm_binding_restore(const csm_saved_binding *saved) {

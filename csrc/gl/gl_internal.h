@@ -40,6 +40,7 @@ typedef struct csm_saved_binding {
     int osmesa_width, osmesa_height;
 } csm_saved_binding;
 
+/* Also releases it, so that any back end can bind. */
 void csm_binding_save(csm_saved_binding *saved);
 void csm_binding_restore(const csm_saved_binding *saved);
 
