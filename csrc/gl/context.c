@@ -134,8 +134,8 @@ void csm_binding_save(csm_saved_binding *saved) {
     memset(saved, 0, sizeof *saved);
     save_egl(saved);
     save_glx(saved);
-    save_osmesa(saved);
     release_saved(saved);
+    save_osmesa(saved); /* last: Mesa hands out a current context of GLX as if it were OSMesa's */
 }
 
 void csm_binding_restore(const csm_saved_binding *saved) {
