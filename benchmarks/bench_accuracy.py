@@ -3,8 +3,8 @@
 Two figures per case, in per cent of the sun-facing pixels: how many are on the wrong side of 0.5,
 and the mean absolute error; the first is blind to acne that stays above 0.5. csm runs with its
 default settings (4 cascades of 2048 x 2048, hard compare) unless --set changes them. The peers'
-figures were measured once, on the same scenes, size, number and size of cascades and software
-rasteriser; those marked tuned had their biases chosen with the truth in hand:
+figures were measured once, by us, on the same scenes, size, number and size of cascades and
+software rasteriser; those marked tuned had their biases chosen with the truth in hand:
 
     three.js CSM addon, PCF: its default bias; 3 texels of depth and 0.5 texel of normal bias per
     cascade; the same with hard compare. Babylon.js CascadedShadowGenerator, PCF: default
