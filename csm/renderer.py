@@ -22,7 +22,7 @@ __all__ = ["Renderer", "backends"]
 
 log = logging.getLogger("csm.gl")
 
-# NVIDIA says at a program's first draw that it fits the shader to the state it finds: always, and of no use.
+# NVIDIA's message at a first draw, that it fits the shader to the state it finds: always so.
 NVIDIA_RECOMPILED = 131218
 
 INSTALL_HINT = "install libegl1 and libgl1-mesa-dri, or libosmesa6"
