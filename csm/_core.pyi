@@ -153,7 +153,9 @@ def plan(
     list[tuple[_PassName, int]],  # pass, program key
     int,  # bytes in all
 ]: ...
-def program_defines(pass_name: _PassName, settings: Any, outputs: int, /) -> str: ...
+def program_defines(
+    pass_name: _PassName, settings: Any, outputs: int, instanced: bool = False, /
+) -> str: ...
 
 @final
 class Renderer:

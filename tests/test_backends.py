@@ -75,8 +75,8 @@ def test_equal_drivers_give_equal_bits(open_backends, other, changes):
 
 @pytest.mark.parametrize("other", ["osmesa", "glfw"])
 def test_different_drivers_stay_within_their_bounds(open_backends, other):
-    # PERF: coverage exact, depth within 1e-4 for all but 0.02 % of covered texels, mask within
-    # 0.1 % of pixels. Equal drivers must meet it all the more.
+    # docs/architecture.md: coverage exact, depth within 1e-4 for all but 0.02 % of covered texels,
+    # mask within 0.1 % of pixels. Equal drivers must meet it all the more.
     egl, renderer = need(open_backends, "egl", other)
     for number in range(4):
         one, two = draw(egl, number), draw(renderer, number)

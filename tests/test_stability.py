@@ -1,4 +1,5 @@
-"""What moves with the camera and what must not, on rendered frames [SPEC X1 to X3, D3]."""
+"""What moves with the camera and what must not, on rendered frames (X1 to X3 of
+docs/numerics.md 16)."""
 
 import mask_oracle
 import numpy as np
@@ -10,7 +11,7 @@ from csm import shapes
 
 MAP_SIZE = 512
 QUANTUM = {"d32f": 2.0**-24, "d24": 1 / (2**24 - 1), "d16": 1 / 65535}
-# SPEC X2: after a move by whole texels a rasteriser's own sub-texel snapping still moves depths by
+# After a move by whole texels a rasteriser's own sub-texel snapping still moves depths by
 # up to 35 quanta of 24 bits.
 MARGIN = {"d32f": 64 * 2.0**-24, "d24": 64 * 2.0**-24, "d16": 2 / 65535}
 SUN = csm.Sun((0.35, 0.8, 0.5))
@@ -180,7 +181,7 @@ def test_the_masks_of_a_turning_camera_agree_on_the_world(renderer):
                 lowest, highest = mask_oracle.visibility(
                     frame, i, positions[own], normals[own], 60.0
                 )
-                # Depths move by the rasteriser's snapping: SPEC X2's margin decides few pixels.
+                # Depths move by the rasteriser's snapping: the margin decides few pixels.
                 wrong = (mask[own] < lowest) | (mask[own] > highest)
                 assert np.count_nonzero(wrong) <= 0.005 * own.sum()
         before = frame
