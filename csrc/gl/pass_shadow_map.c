@@ -1,6 +1,7 @@
 /* pass_shadow_map.c: the casters of one cascade into its layer of the depth array. */
 #include "gl_internal.h"
 
+#include <math.h>
 #include <stdlib.h>
 
 static const char *const timing_names[CSM_MAX_CASCADES] = {
@@ -11,7 +12,7 @@ static const char *const timing_names[CSM_MAX_CASCADES] = {
 /* Texels around the visible slice whose casters still matter: the kernel, and one for the rounding
  * of receivers and casters to float32. */
 static double cull_margin_texels(const csm_settings *settings) {
-    return csm_settings_kernel_radius(settings) + 1.0;
+    return csm_settings_kernel_radius(settings) + fabs(settings->normal_offset_texels) + 1.0;
 }
 
 static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err) {

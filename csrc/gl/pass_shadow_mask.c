@@ -29,7 +29,8 @@ static void bind_inputs(csm_frame *frame) {
     gl->BindTextureUnit(UNIT_MAPS, maps);
     gl->BindSampler(UNIT_MAPS, renderer->nearest_sampler);
     gl->BindTextureUnit(UNIT_COMPARE, maps);
-    gl->BindSampler(UNIT_COMPARE, renderer->compare_sampler);
+    /* a compare sampler without a depth texture is undefined, even if no shader reads it */
+    gl->BindSampler(UNIT_COMPARE, maps ? renderer->compare_sampler : renderer->nearest_sampler);
 }
 
 static int taps_per_receiver(const csm_settings *settings) {
