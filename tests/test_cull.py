@@ -290,3 +290,19 @@ def test_bad_arguments_are_refused(boxes, cascade, text):
     camera = turned(np.random.default_rng(35))
     with pytest.raises(ValueError, match=text):
         _core.cull_boxes(camera, (0, 1, 0), csm.ShadowSettings(), BOUNDS, boxes, cascade)
+
+
+@pytest.mark.parametrize("select", ["map", "interval"])
+def test_culling_knows_how_far_receivers_are_moved(renderer, select):
+    # A normal offset looks for casters that many texels to the side of what is seen.
+    scene = csm.scenes.town(5_000)
+    camera = scene.cameras["street"].replace(size=(320, 180))
+    settings = csm.ShadowSettings(
+        map_size=512, select=select, bias="manual", receiver_plane=True, normal_offset_texels=48.0
+    )
+    for sun in scene.suns.values():
+        culled, whole = (
+            renderer.render(scene, camera, sun, settings.replace(cull=cull), outputs=("mask",)).mask
+            for cull in ("inclusive", "none")
+        )
+        assert np.array_equal(culled, whole)
