@@ -47,7 +47,7 @@ class ShadowSettings:
     filter_size : int
         Side of the pcf kernel: odd, up to 33, or 2 for the hardware's bilinear compare.
     bias : {"auto", "manual"}
-        ``"auto"``: receiver plane at each texel's centre, plus a quarter texel of slope, half a
+        ``"auto"``: receiver plane at each texel's centre, plus a quarter texel of slope, a
         depth quantum and the rounding of float32. ``"manual"``: the four settings below.
     constant_bias_texels, slope_bias : float
         Depth bias along the light, ``t * (constant + slope_bias * (|gx| + |gy|))`` [m] with t the
