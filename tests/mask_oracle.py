@@ -129,7 +129,8 @@ def choose(frame, positions, normals, view_depth, scale):
         at = place(frame, i, positions, normals, scale)
         size = cascades.map_size[i]
         inside = np.minimum(at.texel - padding, size - padding - at.texel).min(axis=1)
-        in_range = np.minimum(at.depth, 1.0 - at.depth)
+        depth = small_scenes.texels_of(cascades, i, positions)[:, 2]  # of the surface itself
+        in_range = np.minimum(depth, 1.0 - depth)
         taken = (inside >= 0.0) & (in_range >= 0.0)
         near = (np.abs(inside) <= at.texel_error) | (np.abs(in_range) <= at.depth_error)
         undecided = index == NO_CASCADE

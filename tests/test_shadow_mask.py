@@ -241,6 +241,19 @@ def test_the_end_of_the_range_is_inside(renderer, select):
         assert (frame.cascade_index[frame.valid] < 4).all()
 
 
+@pytest.mark.parametrize("offset", [0.0, 1.0, 3.0])
+def test_a_normal_offset_loses_no_receiver(renderer, offset):
+    # The rim of the ground towards the sun is where the depth range begins: lifted, it is before.
+    scene = csm.Scene([shapes.mesh("ground", shapes.ground(20.0))])
+    settings = BASE.replace(bias="manual", normal_offset_texels=offset, slope_bias=1.0)
+    for eye, target in (((-17, 2, -17), (-20, 0, -20)), ((0, 30, 0.1), (0, 0, 0))):
+        camera = csm.Camera.look_at(eye, target, far=100, size=small_scenes.SIZE)
+        for sun in (csm.Sun.from_angles(180.0, 40.0), csm.Sun.from_angles(225.0, 10.0)):
+            frame = frame_of(renderer, scene, camera, sun.to_light, settings)
+            assert (frame.cascade_index[frame.valid] < 4).all()
+            assert (frame.mask == 1.0).all()
+
+
 # -- points ----------------------------------------------------------------------------------------
 
 

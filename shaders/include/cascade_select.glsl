@@ -25,7 +25,13 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.scale = -frame.depth[cascade].x;
     vec2 away = abs(here.texels - here.centre.xy);
     bool inside = max(away.x, away.y) < here.centre.z - frame.bias.z;
-    return inside && abs(here.z - 0.5) <= 0.5;
+#if CSM_NORMAL_OFFSET
+    // an offset may lift what lies at the range's near end out of it: the surface itself decides
+    float z = map_depth(light_position(point.position).z, cascade);
+#else
+    float z = here.z;
+#endif
+    return inside && abs(z - 0.5) <= 0.5;
 }
 
 // Every cascade is tried with a constant index and the first that fits is kept.
