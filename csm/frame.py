@@ -17,6 +17,9 @@ class Frame:
     mask : (h, w) float32
         Visibility of the sun, 0 to 1, 1 = lit; row 0 is on top. 1 where `valid` is False, 0 where
         a surface does not face the sun.
+    mask_single : (h, w) float32
+        The mask of the one cascade `cascade_index`, without blending between cascades: while no
+        setting blends, equal to `mask`. Only if asked for.
     valid : (h, w) bool
         A surface is seen there.
     view_depth : (h, w) float32
@@ -103,6 +106,7 @@ def array_shapes(camera, settings, outputs, point_count):
     size = size if isinstance(size, int) else size[0]
     every = {
         "mask": (image, np.float32),
+        "mask_single": (image, np.float32),
         "valid": (image, np.bool_),
         "view_depth": (image, np.float32),
         "cascade_index": (image, np.uint8),

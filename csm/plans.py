@@ -10,7 +10,9 @@ from .cascades import check_kinds
 __all__ = ["DEFAULT_OUTPUTS", "OUTPUTS", "Plan", "plan"]
 
 #: Outputs that can be asked for by name.
-OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
+OUTPUTS = (
+    "mask", "mask_single", "valid", "view_depth", "cascade_index", "shadow_maps", "normal",
+)  # fmt: skip
 DEFAULT_OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps")
 
 
@@ -98,7 +100,7 @@ def output_bits(outputs, points=False):
     for name in names:
         if name not in OUTPUTS:
             raise ValueError(f"outputs may name {', '.join(OUTPUTS)} (got {name!r})")
-        bits |= _core.OUTPUTS[name]
+        bits |= _core.OUTPUTS["mask" if name == "mask_single" else name]
     if not bits:
         raise ValueError("outputs must name at least one output (got none)")
     return bits, names

@@ -1,5 +1,6 @@
 """The renderer: an OpenGL context, and frames out of it."""
 
+import atexit
 import logging
 import math
 import os
@@ -33,6 +34,7 @@ HELD_STEP_SHARE = 0.05  # of the view range
 HELD_TURN_COSINE = math.cos(math.radians(10.0))
 
 _alive = weakref.WeakSet()
+_orphans = []  # GLFW renderers that died off the main thread, which alone may close them
 _opened = set()  # back ends this process has opened, and those of the process it was forked from
 _lost = set()
 
@@ -46,6 +48,7 @@ def _forget_after_fork():
     made after the fork would wait for them for ever.
     """
     _lost.update(_opened)
+    _orphans.clear()
     for renderer in list(_alive):
         renderer._lock = threading.RLock()
         renderer._forked = True
@@ -85,7 +88,7 @@ class Renderer:
         self._scenes = {}  # id -> (weak reference, handle)
         self._dropped = []  # handles of scenes that are gone, freed at the next call
         self._warned = set()
-        self._held = None  # scene reference, camera, range step of the last frame
+        self._walk = threading.local()  # .held: what the thread's last frame hands on
         self._core = _open(backend, bool(debug), _shader_folder(shader_dir))
         self._info = self._core.describe()
         _alive.add(self)
@@ -124,6 +127,8 @@ class Renderer:
         finally:  # also where warnings are errors
             if self._info["backend"] != "glfw" or _on_main_thread():
                 self.close()
+            else:
+                _orphans.append(self._core)
 
     def __repr__(self):
         state = "closed" if self._core is None else self._info["renderer"]
@@ -215,7 +220,7 @@ class Renderer:
         points = _checked_points(points)
         bits, outputs = output_bits(outputs, points is not None)
         point_count = None if points is None else len(points)
-        self._check_limits(_core.plan(settings, *camera.size, bits)[1])
+        self._check_limits(_core.plan(settings, *camera.size, bits)[1], camera, outputs)
         arrays = prepare_arrays(array_shapes(camera, settings, outputs, point_count), out)
         with self._lock:
             core = self._open_core()
@@ -229,7 +234,9 @@ class Renderer:
                     scene.bounds.ravel(),
                     self._held_step(scene, camera),
                     bits,
-                    arrays,
+                    {"mask": arrays["mask_single"], **arrays}
+                    if "mask_single" in arrays
+                    else arrays,
                     points,
                 )
             except ShaderError as error:
@@ -240,7 +247,9 @@ class Renderer:
             finally:
                 self._tell_messages(core)
             cascades = Cascades(**result["cascades"])
-            self._held = (weakref.ref(scene), camera, cascades.range_step, cascades.splits[-1])
+            self._walk.held = (weakref.ref(scene), camera, cascades.range_step, cascades.splits[-1])
+        if "mask_single" in arrays and "mask" in arrays:
+            arrays["mask_single"][...] = arrays["mask"]
         return Frame(
             arrays,
             cascades=cascades,
@@ -248,10 +257,10 @@ class Renderer:
             sun=sun,
             settings=settings,
             timings_ms=result["lists"]["timings_ms"],
-            info=self._frame_info(result, settings),
+            info=self._frame_info(result, settings, camera, cascades),
         )
 
-    def _check_limits(self, textures):
+    def _check_limits(self, textures, camera, outputs):
         # before arrays are made: what the driver cannot hold, the host's memory may not hold either
         limit = self._info["max_texture_size"]
         for name, _, width, height, layers, _ in textures:
@@ -259,13 +268,22 @@ class Renderer:
                 raise LimitError(
                     f"{name} {width} x {height} x {layers} exceeds GL_MAX_TEXTURE_SIZE {limit}"
                 )
+        limit, (width, height) = self._info["max_buffer_bytes"], camera.size
+        for name in outputs:
+            if name != "shadow_maps" and width * height * (12 if name == "normal" else 4) > limit:
+                raise LimitError(
+                    f"{name} of {width} x {height} pixels exceeds "
+                    f"GL_MAX_SHADER_STORAGE_BLOCK_SIZE {limit}"
+                )
 
-    def _frame_info(self, result, settings):
+    def _frame_info(self, result, settings, camera, cascades):
         driver = ("backend", "platform", "vendor", "renderer", "version", "software")
         lists = result["lists"]
         return {
             **{name: self._info[name] for name in driver},
             "clock": result["clock"],
+            "size": list(camera.size),
+            "map_size": [int(size) for size in cascades.map_size],
             "settings": settings.canonical().to_dict(),
             "bytes": result["bytes"],
             "scene_bytes": result["scene_bytes"],
@@ -295,12 +313,15 @@ class Renderer:
 
     def _free_dropped(self, core):
         while self._dropped:
-            core.drop(self._dropped.pop())
+            core.drop(self._dropped[-1])
+            self._dropped.pop()
 
     def _held_step(self, scene, camera):
-        if self._held is None:
+        # of this thread: what others render in between must not show in its frames
+        held = getattr(self._walk, "held", None)
+        if held is None:
             return None
-        reference, last, step, view_range = self._held
+        reference, last, step, view_range = held
         same = reference() is scene and last.near == camera.near and last.size == camera.size
         moved = np.linalg.norm(camera.eye - last.eye)
         turned = float(camera.backward @ last.backward)
@@ -345,9 +366,19 @@ def _on_main_thread():
     return threading.current_thread() is threading.main_thread()
 
 
+def _close_orphans():
+    while _orphans:
+        _orphans.pop().close()
+
+
+atexit.register(_close_orphans)
+
+
 def _open_one(name, debug, folder):
     if name == "glfw" and not _on_main_thread():
         raise ContextError("glfw: a GLFW renderer must be opened on the main thread")
+    if _on_main_thread():
+        _close_orphans()
     if name in _lost:
         raise ContextError(
             f"{name}: this process was forked from one that had opened {name}, whose driver does "

@@ -21,7 +21,8 @@ class ShadowSettings:
     cascade_count : int
         1 to 8.
     map_size : int or tuple of int
-        Texels along a side of a shadow map, for all cascades or one per cascade.
+        Texels along a side of a shadow map, for all cascades or one per cascade: equal sizes; a
+        plan refuses others.
     split : {"practical", "uniform", "logarithmic", "manual"}
         How the view range is cut [Zhang2006]_.
     lam : float
@@ -55,7 +56,8 @@ class ShadowSettings:
     normal_offset_texels : float
         The receiver is moved by this times ``t * sin(theta)`` along its normal.
     receiver_plane : bool
-        Compare against the receiver's plane at each texel's centre.
+        Compare against the receiver's plane at each texel's centre. Not with ``filter_size=2``,
+        where the hardware compares four texels with one depth.
 
     Raises
     ------

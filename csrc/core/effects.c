@@ -129,6 +129,9 @@ void csm_settings_canonical(csm_settings *settings) {
         settings->normal_offset_texels = 0.0;
         effects[CSM_EFFECT_RECEIVER_PLANE] = !two_by_two;
     }
+    if (two_by_two) {
+        effects[CSM_EFFECT_RECEIVER_PLANE] = 0; /* one reference depth for four texels */
+    }
     effects[CSM_EFFECT_NORMAL_OFFSET] = settings->normal_offset_texels != 0.0;
 }
 

@@ -25,11 +25,9 @@ static void GLAD_API_PTR on_message(GLenum source, GLenum type, GLuint id, GLenu
     if (ring->count == CSM_RING_SIZE) {
         ring->first = (ring->first + 1) % CSM_RING_SIZE;
         ring->count--;
-        ring->dropped++;
     }
     csm_message *message = &ring->messages[(ring->first + ring->count++) % CSM_RING_SIZE];
     message->id = id;
-    message->type = type;
     message->severity = severity;
     snprintf(message->text, sizeof message->text, "%s", text);
 }

@@ -62,14 +62,13 @@ void *csm_library_open(const char *const *names, csm_error *err);
 
 typedef struct csm_message {
     GLuint id;
-    GLenum type, severity;
+    GLenum severity;
     char text[CSM_MESSAGE_SIZE];
 } csm_message;
 
 typedef struct csm_message_ring {
     csm_message messages[CSM_RING_SIZE];
     int first, count;
-    long dropped;
     bool failed;                  /* an error arrived since the last check */
     char error[CSM_MESSAGE_SIZE]; /* the first one */
 } csm_message_ring;
@@ -137,6 +136,7 @@ struct csm_gpu_scene {
 typedef struct csm_draw_list {
     GLuint commands, instances;
     GLsizei command_count;
+    struct csm_draw_command *host_commands; /* the same, to cut batches by */
     int item_count;
     int64_t triangle_count;
 } csm_draw_list;
@@ -248,6 +248,8 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err);
 
 /* renderer.c */
 bool csm_frame_stopped(const csm_frame *frame);
+/* The same between batches: else the driver queues everything and a stop waits for all of it. */
+bool csm_frame_stopped_after_finish(const csm_frame *frame);
 csm_status csm_interrupted(csm_error *err);
 
 #endif

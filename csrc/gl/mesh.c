@@ -9,12 +9,12 @@
 #include <stdlib.h>
 #include <string.h>
 
-typedef struct draw_command {
+typedef struct csm_draw_command {
     GLuint index_count, instance_count, first_index, base_vertex, base_instance;
 } draw_command;
 
 /* What runs between two looks at the stop callback: some tenths of a second on software GL. */
-#define BATCH_TRIANGLES (1 << 20)
+#define BATCH_TRIANGLES (1 << 19)
 /* Longest merged command, so that batches can be cut between commands. */
 #define COMMAND_INDICES (3u << 18)
 
@@ -68,6 +68,13 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
                         "a scene of %zu stored triangles exceeds GL_MAX_TEXTURE_BUFFER_SIZE %d: "
                         "instance what repeats, or split the scene",
                         geometry->triangle_count, most);
+    }
+    const int64_t instance_bytes = (int64_t)geometry->instance_count * 12 * (int64_t)sizeof(float);
+    if (instance_bytes > renderer->info.max_buffer_bytes) {
+        return csm_fail(err, CSM_ERROR_LIMIT,
+                        "%d instances need %lld bytes, GL_MAX_SHADER_STORAGE_BLOCK_SIZE is %lld",
+                        geometry->instance_count, (long long)instance_bytes,
+                        (long long)renderer->info.max_buffer_bytes);
     }
     csm_gpu_scene *scene = calloc(1, sizeof *scene);
     if (!scene) {
@@ -148,7 +155,8 @@ static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_
         draw_command *last = list->command_count ? &commands[list->command_count - 1] : NULL;
         bool baked = item->instance == 0;
         list->triangle_count += chunk->triangle_count;
-        if (last && !baked && item->chunk == last_chunk) {
+        if (last && !baked && item->chunk == last_chunk &&
+            last->instance_count < COMMAND_INDICES / last->index_count) {
             last->instance_count++;
             instances[instance_count++] = item->instance;
         } else if (last && baked && last_baked && last->index_count < COMMAND_INDICES &&
@@ -188,8 +196,12 @@ csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene
     } else {
         status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to draw %zu chunks", item_count);
     }
-    free(commands);
     free(instances);
+    if (status == CSM_OK) {
+        list->host_commands = commands;
+    } else {
+        free(commands);
+    }
     return status;
 }
 
@@ -204,24 +216,21 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, cs
     gl->BindVertexArray(scene->vertex_array);
     gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, list->commands);
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, scene->instances);
-    GLsizei batch = list->command_count;
-    if (list->triangle_count > BATCH_TRIANGLES) {
-        batch =
-            (GLsizei)(list->command_count * (double)BATCH_TRIANGLES / (double)list->triangle_count);
-        batch = batch > 0 ? batch : 1;
-    }
-    for (GLsizei first = 0; first < list->command_count; first += batch) {
-        GLsizei count = list->command_count - first;
-        count = count < batch ? count : batch;
-        if (first > 0) {
-            gl->Finish(); /* else the driver queues everything and a stop waits for all of it */
-            if (csm_frame_stopped(frame)) {
-                return csm_interrupted(err);
-            }
+    GLsizei first = 0;
+    while (first < list->command_count) {
+        GLsizei count = 0;
+        int64_t triangles = 0;
+        while (first + count < list->command_count && triangles < BATCH_TRIANGLES) {
+            const draw_command *command = &list->host_commands[first + count++];
+            triangles += (int64_t)command->instance_count * command->index_count / 3;
+        }
+        if (first > 0 && csm_frame_stopped_after_finish(frame)) {
+            return csm_interrupted(err);
         }
         gl->MultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT,
                                       (const char *)NULL + (size_t)first * sizeof(draw_command),
                                       count, 0);
+        first += count;
     }
     return CSM_OK;
 }
@@ -229,5 +238,6 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, cs
 void csm_draw_list_drop(csm_renderer *renderer) {
     csm_buffer_drop(renderer, &renderer->draws.commands);
     csm_buffer_drop(renderer, &renderer->draws.instances);
+    free(renderer->draws.host_commands);
     memset(&renderer->draws, 0, sizeof renderer->draws);
 }

@@ -95,14 +95,11 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
     int band = (int)(BAND_TAPS / taps_per_row) / GROUP_HEIGHT * GROUP_HEIGHT;
     band = band < GROUP_HEIGHT ? GROUP_HEIGHT : band;
     csm_timer_start(renderer);
-    for (int first = 0; first < height && status == CSM_OK; first += band) {
+    for (int first = 0; first < height; first += band) {
         int rows = height - first < band ? height - first : band;
-        if (first > 0) {
-            gl->Finish();
-            if (csm_frame_stopped(frame)) {
-                status = csm_interrupted(err);
-                break;
-            }
+        if (first > 0 && csm_frame_stopped_after_finish(frame)) {
+            status = csm_interrupted(err);
+            break;
         }
         set_image(frame, first, 0);
         gl->DispatchCompute((GLuint)((width + GROUP_WIDTH - 1) / GROUP_WIDTH),
@@ -166,14 +163,19 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
                         renderer->buffers[CSM_BUFFER_POINTS].name, 0, (GLsizeiptr)out_bytes);
     gl->UseProgram(program);
     csm_timer_start(renderer);
-    const size_t most = (size_t)MAX_GROUPS * POINT_GROUP;
-    for (size_t first = 0; first < count; first += most) {
-        size_t here = count - first < most ? count - first : most;
+    size_t band = (size_t)(BAND_TAPS / taps_per_receiver(&frame->settings)) / POINT_GROUP;
+    band = (band < 1 ? 1 : band > MAX_GROUPS ? MAX_GROUPS : band) * POINT_GROUP;
+    for (size_t first = 0; first < count; first += band) {
+        size_t here = count - first < band ? count - first : band;
+        if (first > 0 && csm_frame_stopped_after_finish(frame)) {
+            status = csm_interrupted(err);
+            break;
+        }
         set_image(frame, (int)first, (int)count);
         gl->DispatchCompute((GLuint)((here + POINT_GROUP - 1) / POINT_GROUP), 1, 1);
     }
     gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     csm_timer_stop(renderer, frame->out, "shadow_points");
     frame->out->bytes += out_bytes + (size_t)in_bytes;
-    return CSM_OK;
+    return status;
 }

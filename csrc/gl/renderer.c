@@ -244,6 +244,11 @@ bool csm_frame_stopped(const csm_frame *frame) {
     return frame->desc->stop && frame->desc->stop(frame->desc->stop_user);
 }
 
+bool csm_frame_stopped_after_finish(const csm_frame *frame) {
+    frame->renderer->gl.Finish();
+    return csm_frame_stopped(frame);
+}
+
 csm_status csm_interrupted(csm_error *err) {
     return csm_fail(err, CSM_ERROR_INTERRUPTED, "%s", csm_status_text(CSM_ERROR_INTERRUPTED));
 }
@@ -326,6 +331,9 @@ static void read_back(csm_frame *frame) {
 static csm_status render_bound(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
+    for (int kind = 0; kind < CSM_BUFFER_COUNT; kind++) {
+        renderer->buffers[kind].used = 0; /* an interrupted frame leaves them set */
+    }
     csm_status status = csm_targets_fit(renderer, &frame->plan, err);
     if (status != CSM_OK) {
         return status;

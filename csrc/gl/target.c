@@ -28,8 +28,13 @@ static GLenum format_named(const char *name) {
 }
 
 static void drop(csm_renderer *renderer, csm_target *target) {
+    const GladGLContext *gl = &renderer->gl;
     if (target->texture) {
-        renderer->gl.DeleteTextures(1, &target->texture);
+        /* deleting detaches a texture from bound framebuffers alone: elsewhere it would live on */
+        gl->NamedFramebufferTexture(renderer->view_framebuffer, GL_COLOR_ATTACHMENT0, 0, 0);
+        gl->NamedFramebufferTexture(renderer->view_framebuffer, GL_DEPTH_ATTACHMENT, 0, 0);
+        gl->NamedFramebufferTexture(renderer->map_framebuffer, GL_DEPTH_ATTACHMENT, 0, 0);
+        gl->DeleteTextures(1, &target->texture);
         renderer->info.live_objects--;
     }
     memset(target, 0, sizeof *target);
@@ -132,8 +137,8 @@ csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, cs
                                                          "normal", "points"};
     csm_host_buffer *buffer = &renderer->buffers[kind];
     const GLbitfield flags = GL_MAP_READ_BIT | GL_MAP_PERSISTENT_BIT;
-    buffer->used = (GLsizeiptr)size;
     if (buffer->size >= (GLsizeiptr)size) {
+        buffer->used = (GLsizeiptr)size;
         return CSM_OK;
     }
     if ((int64_t)size > renderer->info.max_buffer_bytes) {
@@ -152,6 +157,11 @@ csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, cs
     buffer->name = renderer->info.software
                        ? buffer->host
                        : csm_buffer_make(renderer, labels[kind], (GLsizeiptr)size, NULL, 0);
+    csm_status status = csm_debug_check(renderer, labels[kind], err);
+    if (status != CSM_OK) {
+        drop_buffer(renderer, buffer);
+        return status;
+    }
     buffer->used = buffer->size = (GLsizeiptr)size;
     return CSM_OK;
 }

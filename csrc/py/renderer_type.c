@@ -305,7 +305,11 @@ static PyObject *renderer_upload(PyObject *object, PyObject *args) {
     if (status != CSM_OK) {
         return csm_py_raise(module_of(object), &err);
     }
-    return PyCapsule_New(uploaded, SCENE_CAPSULE, NULL);
+    PyObject *capsule = PyCapsule_New(uploaded, SCENE_CAPSULE, NULL);
+    if (!capsule) {
+        csm_renderer_drop(renderer, uploaded, NULL);
+    }
+    return capsule;
 }
 
 static PyObject *renderer_drop(PyObject *object, PyObject *capsule) {
@@ -424,6 +428,10 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
                           &bounds, &held_step, &outputs, &PyDict_Type, &arrays, &points) ||
         csm_py_parse_fit(camera, to_light, settings, bounds, held_step, &fit) < 0) {
         return NULL;
+    }
+    if (fit.settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
+        /* no map asks for these cascades: they must not refuse a camera either */
+        fit.settings.effects[CSM_EFFECT_SPLIT] = CSM_SPLIT_UNIFORM;
     }
     csm_render_desc desc = {.scene = PyCapsule_GetPointer(capsule, SCENE_CAPSULE),
                             .camera = fit.desc.camera,
