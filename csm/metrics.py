@@ -40,7 +40,7 @@ class _ByCause(Mapping):
         if cause in CAUSES:
             raise ValueError(
                 f"the error by {cause!r} needs {CAUSES[cause]}; "
-                f"this report was made from two masks and has {', '.join(self._values)}"
+                f"this report compares masks alone and has {', '.join(self._values)}"
             )
         raise KeyError(f"no cause {cause!r}; the causes are {', '.join(CAUSES)}")
 
@@ -61,9 +61,10 @@ class _ByCause(Mapping):
 class ErrorReport:
     """A mask against a reference. Made by `compare`.
 
-    The causes of a report from two masks: ``total``, the difference; ``false_light``, its part
-    above 0 (brighter than the truth); ``false_shadow``, its part below 0 (darker: acne, but also a
-    shadow edge that reaches too far). They add up: ``total = false_light + false_shadow``.
+    The causes, of two masks and of a Frame and a Truth alike: ``total``, the difference;
+    ``false_light``, its part above 0 (brighter than the truth); ``false_shadow``, its part below 0
+    (darker: acne, but also a shadow edge that reaches too far). They add up: ``total = false_light
+    + false_shadow``.
 
     Attributes
     ----------
@@ -152,12 +153,12 @@ class ErrorReport:
         )
 
 
-def compare(mask, truth, *, valid=None):
+def compare(frame, truth, *, valid=None):
     """Judge a mask by a reference.
 
     Parameters
     ----------
-    mask : Frame or (h, w) array_like
+    frame : Frame or (h, w) array_like
         What was rendered: a Frame with `mask`, `valid` and `cascade_index`, or visibilities, 0 to
         1.
     truth : Truth or (h, w) array_like
@@ -180,17 +181,17 @@ def compare(mask, truth, *, valid=None):
         If sizes differ, values leave [0, 1], the frame lacks an output that is needed, or frame and
         truth do not show the same camera and sun.
     """
-    rendered, traced = hasattr(mask, "mask"), hasattr(truth, "mask")
+    rendered, traced = hasattr(frame, "mask"), hasattr(truth, "mask")
     if rendered != traced:
         raise TypeError(
             "compare takes a Frame and a Truth, or two mask arrays "
-            f"(got {type(mask).__name__} and {type(truth).__name__})"
+            f"(got {type(frame).__name__} and {type(truth).__name__})"
         )
     if rendered:
         if valid is not None:
             raise TypeError("valid is for two arrays: a Frame and a Truth bring their own")
-        return _compare_frame(mask, truth)
-    mask, truth = _visibilities("mask", mask), _visibilities("truth", truth)
+        return _compare_frame(frame, truth)
+    mask, truth = _visibilities("frame", frame), _visibilities("truth", truth)
     _same_shape(mask, truth)
     judged = np.ones(mask.shape, bool) if valid is None else np.asarray(valid)
     if judged.dtype != bool or judged.shape != mask.shape:

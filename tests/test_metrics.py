@@ -116,11 +116,15 @@ def test_acne_above_one_half_is_seen_by_the_mean_alone():
 
 @pytest.mark.parametrize("cause", ["aliasing", "penumbra", "peter_panning", "light_leak", "seam"])
 def test_a_cause_that_is_not_there_says_what_it_needs(cause):
-    report = compare([[0.0]], [[1.0]])
-    assert cause not in report.mean
-    for values in (report.mean, report.per_pixel, report.largest):
-        with pytest.raises(ValueError, match=f"'{cause}' needs .* has total, false_light"):
-            values[cause]
+    # True of both kinds of report: neither was made from more than the masks.
+    for report in (compare([[0.0]], [[1.0]]), compare(*all_judged([[0.0]], [[1.0]]))):
+        assert cause not in report.mean
+        for values in (report.mean, report.per_pixel, report.largest):
+            said = (
+                f"'{cause}' needs .*; this report compares masks alone and has total, false_light"
+            )
+            with pytest.raises(ValueError, match=said):
+                values[cause]
 
 
 def test_an_unknown_cause_lists_the_known():
@@ -141,10 +145,10 @@ def test_a_report_is_readable_saves_as_json_and_pickles():
     ("mask", "truth", "valid", "text"),
     [
         ([[0.0]], [[0.0, 1.0]], None, r"one shape \(got \(1, 1\) and \(1, 2\)\)"),
-        ([0.0, 1.0], [0.0, 1.0], None, r"mask must be an \(h, w\) array"),
-        ([[1.5]], [[1.0]], None, r"mask must lie in \[0, 1\].*got 1.5"),
+        ([0.0, 1.0], [0.0, 1.0], None, r"frame must be an \(h, w\) array"),
+        ([[1.5]], [[1.0]], None, r"frame must lie in \[0, 1\].*got 1.5"),
         ([[1.0]], [[math.nan]], None, r"truth must lie in \[0, 1\].*got nan"),
-        ([["lit"]], [[1.0]], None, "mask must be .* real numbers"),
+        ([["lit"]], [[1.0]], None, "frame must be .* real numbers"),
         ([[1.0]], [[1.0]], [[1.0]], r"valid must be a bool array of shape \(1, 1\)"),
         ([[1.0]], [[1.0]], [True], r"valid must be a bool array of shape \(1, 1\)"),
     ],
