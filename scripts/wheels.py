@@ -2,9 +2,11 @@
 
 For every Python of VERSIONS that is on this machine: the wheel is built from the unpacked sdist,
 installed in an empty environment, and the fast tests of the sdist run against it from another
-folder. Says which interpreters are missing; fails if none is there or anything else fails.
+folder. Fails if anything of that fails, and at the end if an interpreter is missing; with
+``--allow-missing`` one is enough. Other arguments go to pytest.
 """
 
+import argparse
 import os
 import runpy
 import shutil
@@ -46,7 +48,7 @@ def run(*command, **options):
         sys.exit(f"wheels: {command[0]} failed with exit status {status}")
 
 
-def prove(python, version, sdist, folder):
+def prove(python, version, sdist, folder, pytest_arguments):
     """Wheel from the sdist, empty environment, tests from another folder."""
     environment, wheels, elsewhere = folder / "venv", folder / "wheels", folder / "elsewhere"
     elsewhere.mkdir(parents=True)
@@ -60,12 +62,17 @@ def prove(python, version, sdist, folder):
         archive.extractall(folder / "unpacked", filter="data")
     tests = next((folder / "unpacked").iterdir()) / "tests"
     run(own, "-c", CHECK, cwd=elsewhere)
-    run(own, "-m", "pytest", "-q", "-p", "no:cacheprovider", tests, *sys.argv[1:], cwd=elsewhere)
+    run(
+        own, "-m", "pytest", "-q", "-p", "no:cacheprovider", tests, *pytest_arguments, cwd=elsewhere
+    )
     print(f"wheels: {wheel.name} passes on Python {version}")
 
 
 def main():
     """Build the sdist once, then prove it on each Python."""
+    parser = argparse.ArgumentParser(description=__doc__.partition("\n")[0], allow_abbrev=False)
+    parser.add_argument("--allow-missing", action="store_true", help="one Python is enough")
+    options, pytest_arguments = parser.parse_known_args()
     scenes = runpy.run_path(str(ROOT / "tests/scene_files.py"))["FOLDER"]
     os.environ["CSM_SCENES"] = str(scenes)  # the unpacked tests would look elsewhere
     shutil.rmtree(ROOT / "dist", ignore_errors=True)
@@ -78,11 +85,17 @@ def main():
             print(f"wheels: no Python {version} on this machine, not tried", file=sys.stderr)
             continue
         with tempfile.TemporaryDirectory(prefix=f"csm-{version}-") as folder:
-            prove(python, version, sdist, Path(folder))
+            prove(python, version, sdist, Path(folder), pytest_arguments)
         proved.append(version)
     if not proved:
         sys.exit(f"wheels: none of Python {', '.join(VERSIONS)} found")
     print("wheels: proved on Python", ", ".join(proved), "- files in dist/")
+    missing = [version for version in VERSIONS if version not in proved]
+    if missing and not options.allow_missing:
+        sys.exit(
+            f"wheels: not proved on Python {', '.join(missing)}, which this machine lacks "
+            "(--allow-missing accepts that)"
+        )
 
 
 if __name__ == "__main__":

@@ -1,6 +1,7 @@
 """The package as others get it: what an import needs, a missing extra says, an sdist holds."""
 
 import importlib.metadata
+import importlib.util
 import re
 import shutil
 import subprocess
@@ -149,6 +150,43 @@ def test_sdist_holds_all_that_a_build_and_the_tests_need(sdist_names):
 def test_sdist_holds_nothing_that_was_built(sdist_names):
     built = [n for n in sdist_names if n.endswith((".so", ".o", ".pyc")) or n.startswith("build/")]
     assert not built
+
+
+@pytest.fixture
+def wheels(monkeypatch, tmp_path):
+    """scripts/wheels.py, with steps that do nothing and one Python, 3.11."""
+    spec = importlib.util.spec_from_file_location("wheels", ROOT / "scripts" / "wheels.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    (tmp_path / "dist").mkdir()
+    (tmp_path / "tests").mkdir()
+    (tmp_path / "tests" / "scene_files.py").write_text("FOLDER = None")
+    monkeypatch.setattr(module, "ROOT", tmp_path)
+    monkeypatch.setattr(module, "run", lambda *_, **__: make_sdist(tmp_path / "dist"))
+    monkeypatch.setattr(module, "interpreters", lambda version: [Path(version)])
+    monkeypatch.setattr(module, "usable", lambda path, version: version == "3.11")
+    monkeypatch.setenv("CSM_SCENES", "")  # put back afterwards
+    return module
+
+
+def make_sdist(folder):
+    """What a build leaves."""
+    folder.mkdir(exist_ok=True)
+    (folder / "a.tar.gz").touch()
+
+
+def test_wheels_fails_where_a_python_is_missing(wheels, monkeypatch):
+    proved = []
+    monkeypatch.setattr(wheels, "prove", lambda *arguments: proved.append(arguments))
+    monkeypatch.setattr(sys, "argv", ["wheels.py", "-x"])
+    with pytest.raises(SystemExit, match=r"not proved on Python 3\.12, 3\.13.*--allow-missing"):
+        wheels.main()
+    monkeypatch.setattr(sys, "argv", ["wheels.py", "--allow-missing", "-x"])
+    wheels.main()
+    assert [(version, words) for _, version, _, _, words in proved] == [("3.11", ["-x"])] * 2
+    monkeypatch.setattr(wheels, "usable", lambda path, version: False)
+    with pytest.raises(SystemExit, match="none of Python"):
+        wheels.main()
 
 
 def test_installed_package_holds_shaders_and_types():
