@@ -7,13 +7,22 @@ from pathlib import Path
 
 import numpy as np
 
-from .camera import Camera
+from .camera import MAX_SIZE, Camera
 from .loading import load, load_elevation
 from .scenes import SCENES
 from .settings import ShadowSettings
 from .sun import Sun
+from .tracing import MAX_RAYS_PER_PIXEL
 
-__all__ = ["find_camera", "find_scene", "find_sun", "parse_settings", "parse_size"]
+__all__ = [
+    "find_camera",
+    "find_scene",
+    "find_sun",
+    "parse_folder",
+    "parse_rays",
+    "parse_settings",
+    "parse_size",
+]
 
 ELEVATION_SUFFIXES = (".npz", ".npy", ".tif", ".tiff")
 CAMERA_WORDS = ("eye", "target", "up", "fov", "near", "far")
@@ -138,10 +147,31 @@ def find_sun(scene, text, diameter=None):
 
 def parse_size(text):
     """Return (width, height) of ``WIDTHxHEIGHT``; ValueError if it is none."""
-    match = re.fullmatch(r"(\d+)[xX](\d+)", text.strip())
-    if not match:
-        raise ValueError(f"--size must be WIDTHxHEIGHT in pixels, like 1280x720 (got {text!r})")
-    return int(match[1]), int(match[2])
+    # Of at most 9 digits: int refuses thousands of them with a sentence of its own.
+    match = re.fullmatch(r"(\d{1,9})[xX](\d{1,9})", text.strip())
+    size = (int(match[1]), int(match[2])) if match else ()
+    if not size or not all(1 <= side <= MAX_SIZE for side in size):
+        raise ValueError(
+            "--size must be WIDTHxHEIGHT in pixels, each 1 to "
+            f"{MAX_SIZE}, like 1280x720 (got {text!r})"
+        )
+    return size
+
+
+def parse_rays(text):
+    """Return the number of rays per pixel that a text says; ValueError if it is none."""
+    if not re.fullmatch(r"\d{1,9}", text.strip()) or not 1 <= int(text) <= MAX_RAYS_PER_PIXEL:
+        raise ValueError(
+            f"--rays must be a whole number from 1 to {MAX_RAYS_PER_PIXEL} (got {text!r})"
+        )
+    return int(text)
+
+
+def parse_folder(text):
+    """Return the path of a folder; ValueError for no text, which a path would take for ``.``."""
+    if not text.strip():
+        raise ValueError(f"--out must name a folder (got {text!r})")
+    return Path(text)
 
 
 def parse_settings(words):

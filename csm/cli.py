@@ -6,9 +6,16 @@ import re
 import sys
 import time
 from contextlib import contextmanager
-from pathlib import Path
 
-from .arguments import find_camera, find_scene, find_sun, parse_settings, parse_size
+from .arguments import (
+    find_camera,
+    find_scene,
+    find_sun,
+    parse_folder,
+    parse_rays,
+    parse_settings,
+    parse_size,
+)
 from .errors import CsmError
 from .metrics import compare, edge_yardstick
 from .progress import Progress
@@ -138,7 +145,7 @@ def _add_render_options(render):
         help="a name, x,y,z towards the sun, or azimuth,elevation in degrees, azimuth by the "
         "compass (0 north = -z, 90 east = +x); default: the scene's first",
     )
-    add("--out", metavar="DIR", required=True, type=Path, help="folder for the files, made if new")
+    add("--out", metavar="DIR", required=True, help="folder for the files, made if new")
     add("--size", metavar="WxH", default="1280x720", help="pixels (default 1280x720)")
     add(
         "--set",
@@ -158,7 +165,6 @@ def _add_render_options(render):
     add(
         "--rays",
         metavar="N",
-        type=int,
         help="with --truth: rays per pixel over the sun's disc (default 1: a point sun)",
     )
     add(
@@ -195,7 +201,9 @@ def _render(options):
     settings = parse_settings(options.changes)
     if options.rays is not None and not options.truth:
         raise ValueError("--rays needs --truth")
-    check_folder(options.out)
+    rays = 1 if options.rays is None else parse_rays(options.rays)
+    folder = parse_folder(options.out)
+    check_folder(folder)
 
     progress, seconds = Progress(quiet=options.quiet), {}
     with _timed(progress, seconds, "load", f"loading {options.scene}"):
@@ -210,7 +218,6 @@ def _render(options):
         frame = renderer.render(scene, camera, sun, settings, outputs=OUTPUTS)
     if options.truth:
         with _timed(progress, seconds, "truth", "tracing the truth") as advance:
-            rays = 1 if options.rays is None else options.rays
             traced = truth(scene, camera, sun, rays_per_pixel=rays, progress=advance)
         report = compare(frame, traced)
         judged = report, edge_yardstick(frame, traced)
@@ -221,11 +228,11 @@ def _render(options):
     terrain = (scene.bounds[1] - scene.bounds[0])[[0, 2]].min() >= LANDSCAPE
     with progress.stage("writing"):
         written = write_results(
-            options.out, frame, summary, truth=traced, report=report, terrain=terrain
+            folder, frame, summary, truth=traced, report=report, terrain=terrain
         )
     if not options.quiet:
         print(summary_text(summary))
-        print(f"\n{options.out}: {', '.join(written)}")
+        print(f"\n{folder}: {', '.join(written)}")
 
 
 @contextmanager

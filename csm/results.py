@@ -6,6 +6,7 @@ import os
 import platform
 import shutil
 import tempfile
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -56,7 +57,11 @@ def check_folder(folder):
 
 
 def write_results(folder, frame, summary, *, truth=None, report=None, terrain=False):
-    """Write every file, or none: each appears under its name only when all are complete.
+    """Write every file, or none: what fails or is interrupted on the way is undone.
+
+    The files are made in a hidden folder beside their places and moved there when all are complete;
+    those of an earlier run are held in the same folder until then. A process that is killed, or
+    interrupted again while it undoes, may leave that folder, ``.csm-*``, with what it held.
 
     Parameters
     ----------
@@ -80,28 +85,52 @@ def write_results(folder, frame, summary, *, truth=None, report=None, terrain=Fa
     OSError
         If writing fails; nothing then has changed.
     """
-    made = not folder.exists()
-    folder.mkdir(parents=True, exist_ok=True)
+    made = [path for path in (folder, *folder.absolute().parents) if not path.exists()]
     try:
+        folder.mkdir(parents=True, exist_ok=True)
         # Inside the folder: moving a file to its name is atomic on one file system only.
-        with tempfile.TemporaryDirectory(prefix=".csm-", dir=folder) as held:
-            held = Path(held)
+        held = Path(tempfile.mkdtemp(prefix=".csm-", dir=folder))
+        try:
             for name, picture in _pictures(frame, report, terrain):
                 save_png(held / name, picture)
             np.savez(held / "frame.npz", **_arrays(frame, truth, report))
             text = json.dumps(_plain(summary), indent=1, allow_nan=False)
             (held / SUMMARY).write_text(text + "\n", encoding="utf-8")
-            names = [name for name in FILES if (held / name).exists()]
-            for name in FILES:
-                if name in names:
-                    os.replace(held / name, folder / name)
-                else:
-                    (folder / name).unlink(missing_ok=True)
+        except BaseException:
+            shutil.rmtree(held, ignore_errors=True)
+            raise
+        names = [name for name in FILES if (held / name).exists()]
+        _put_in_place(held, folder, names)
     except BaseException:
-        if made:
-            shutil.rmtree(folder, ignore_errors=True)
+        for path in made:  # the deepest first; what somebody else has put there stays
+            with suppress(OSError):
+                path.rmdir()
         raise
     return names
+
+
+def _put_in_place(held, folder, names):
+    """Move the new files out of `held` to their names, and drop it with those of an earlier run."""
+    earlier = held / "earlier"
+    try:
+        earlier.mkdir()
+        for name in FILES:
+            if (folder / name).is_dir():
+                raise IsADirectoryError(f"--out {folder}: {name} there is a folder")
+            if os.path.lexists(folder / name):
+                os.replace(folder / name, earlier / name)
+        for name in names:
+            os.replace(held / name, folder / name)
+    except BaseException:
+        # By what lies where, not by what was noted: an interrupt may fall between the two.
+        for name in FILES:
+            if os.path.lexists(earlier / name):
+                os.replace(earlier / name, folder / name)
+            elif name in names and not (held / name).exists():
+                (folder / name).unlink(missing_ok=True)
+        shutil.rmtree(held, ignore_errors=True)
+        raise
+    shutil.rmtree(held, ignore_errors=True)
 
 
 def _pictures(frame, report, terrain):
@@ -118,11 +147,6 @@ def _pictures(frame, report, terrain):
 def _arrays(frame, truth, report):
     """Return what frame.npz holds: the frame's arrays and matrices, and the truth's."""
     arrays = {name: getattr(frame, name) for name in frame.outputs}
-    maps = arrays.pop("shadow_maps", ())
-    if isinstance(maps, tuple):  # sizes differ
-        arrays |= {f"shadow_map_{i}": depth for i, depth in enumerate(maps)}
-    else:
-        arrays["shadow_maps"] = maps
     for name in (
         *("splits", "texel_size", "lattice", "depth_range", "light_from_world"),
         *("clip_from_light", "clip_from_world", "uvz_from_world"),

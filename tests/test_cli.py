@@ -47,6 +47,18 @@ def run(*words):
     return cli.main([str(word) for word in words])
 
 
+def small_frame():
+    """A frame with what `write_results` needs, and a summary."""
+    scene = csm.scenes.plane_and_box()
+    camera = scene.cameras["corner"].replace(size=(8, 8))
+    settings = csm.ShadowSettings(map_size=16)
+    with csm.Renderer() as renderer:
+        frame = renderer.render(
+            scene, camera, scene.suns["diagonal"], settings, outputs=cli.OUTPUTS
+        )
+    return frame, {"csm": csm.__version__}
+
+
 def refused(capsys, *words):
     """The one line on stderr that an exit status of 2 comes with."""
     assert run(*words) == 2
@@ -206,7 +218,6 @@ def test_python_m_csm_is_csm():
         (["town", "--sun", "1,nan,0"], "--sun must be 2 or 3 numbers"),
         (["town", "--sun-diameter", "200"], "angular_diameter_deg must be .*200"),
         (["town", "--size", "1280"], "--size must be WIDTHxHEIGHT.*'1280'"),
-        (["town", "--size", "0x10"], "size must be .*each 1 to 16384"),
         (["town", "--set", "map_size"], "--set takes key=value.*'map_size'"),
         (["town", "--set", "map_sise=4"], "knows no 'map_sise'; did you mean 'map_size'"),
         (["town", "--set", "lam=0.2", "--set", "lam=0.3"], "--set lam is given twice"),
@@ -217,7 +228,6 @@ def test_python_m_csm_is_csm():
         (["town", "--set", "pancake=maybe"], "pancake must be true or false.*'maybe'"),
         (["town", "--set", "lam=0.2", "--ground", "up"], "--ground: invalid float value: 'up'"),
         (["town", "--rays", "4"], "--rays needs --truth"),
-        (["town", "--truth", "--rays", "0", *SMALL], "rays_per_pixel must be 1 to 65536.*got 0"),
         (["town", "--backend", "vulkan"], "invalid choice: 'vulkan'"),
         (["town", "--outt", "x"], "unrecognized arguments: --outt x"),
     ],
@@ -233,6 +243,32 @@ def test_bad_input_is_one_sentence_and_writes_nothing(
     line = refused(capsys, "render", *words, "--out", "out")
     assert re.search(sentence, line), line
     assert files(tmp_path) == before
+
+
+@pytest.mark.parametrize(
+    ("words", "sentence"),
+    [
+        (["--truth", "--rays", "0"], "--rays must be a whole number from 1 to 65536 .*'0'"),
+        (["--truth", "--rays", "65537"], "--rays must be .*'65537'"),
+        (["--truth", "--rays", "many"], "--rays must be .*'many'"),
+        (["--size", "0x10"], "--size must be .*each 1 to 16384.*'0x10'"),
+        (["--size", "64x16385"], "--size must be .*'64x16385'"),
+        (["--size", "9" * 5000 + "x10"], "--size must be"),
+        (["--out", ""], "--out must name a folder .*''"),
+    ],
+)
+def test_bad_numbers_and_no_folder_are_refused_before_anything_is_loaded(
+    tmp_path, monkeypatch, capsys, words, sentence
+):
+    def never(*_):
+        raise AssertionError("loaded")
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr(cli, "find_scene", never)
+    out = () if "--out" in words else ("--out", "out")
+    line = refused(capsys, "render", "plane_and_box", *words, *out)
+    assert re.search(sentence, line), line
+    assert files(tmp_path) == set()
 
 
 @pytest.mark.parametrize("words", [[], ["paint"], ["render"], ["render", "town"]])
@@ -271,6 +307,51 @@ def test_a_write_that_fails_leaves_what_was_there(gl, tmp_path, capsys, monkeypa
         assert "No space left" in refused(capsys, *words, tmp_path / folder)
     assert {p.name: p.read_bytes() for p in (tmp_path / "old").iterdir()} == before
     assert files(tmp_path) == {"old"}
+
+
+@pytest.mark.parametrize("kind", [OSError, KeyboardInterrupt])
+@pytest.mark.parametrize("last", ["before", "after"])
+@pytest.mark.parametrize("step", range(1, 13))
+def test_a_move_that_fails_is_undone(gl, tmp_path, monkeypatch, kind, last, step):
+    # The first run leaves six files that the second moves aside, and it puts six in place: each
+    # of those twelve moves fails once, before or after it happened.
+    frame, summary = small_frame()
+    old, new = tmp_path / "old", tmp_path / "made" / "new"
+    results.write_results(old, frame, summary)
+    (old / "error.png").write_bytes(b"of a run with the truth")
+    (old / "picture.png").write_bytes(b"of an earlier run")
+    (old / "maps.png").unlink()
+    before = {path.name: path.read_bytes() for path in old.iterdir()}
+    assert len(before) == 6
+    replace = os.replace
+
+    def failing(*names):
+        nonlocal moves
+        moves += 1
+        if moves == count and last == "before":
+            raise kind("stopped")
+        replace(*names)
+        if moves == count and last == "after":
+            raise kind("stopped")
+
+    monkeypatch.setattr(os, "replace", failing)
+    moves, count = 0, step
+    with pytest.raises(kind, match="stopped"):
+        results.write_results(old, frame, summary)
+    assert {path.name: path.read_bytes() for path in old.iterdir()} == before
+    moves, count = 0, min(step, 6)
+    with pytest.raises(kind, match="stopped"):
+        results.write_results(new, frame, summary)
+    assert files(tmp_path) == {"old"}, "neither the folder nor the one made above it"
+
+
+def test_a_folder_in_the_place_of_a_file_is_no_file_to_replace(gl, tmp_path):
+    (tmp_path / "mask.png").mkdir()
+    (tmp_path / "mask.png" / "notes.txt").write_text("mine")
+    with pytest.raises(IsADirectoryError, match=r"mask\.png there is a folder"):
+        results.write_results(tmp_path, *small_frame())
+    assert files(tmp_path) == {"mask.png"}
+    assert files(tmp_path / "mask.png") == {"notes.txt"}
 
 
 @pytest.mark.parametrize("where", ["truth", "write_results"])
