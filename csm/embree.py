@@ -98,7 +98,18 @@ class RayTree:
 
 
 _trees = weakref.WeakKeyDictionary()  # Scene to RayTree: one tree for any cameras and suns
-_trees_lock = threading.Lock()
+# Held while a tree is built, some seconds: a signal handler or a finaliser that traces meanwhile on
+# the same thread must not wait for itself.
+_trees_lock = threading.RLock()
+
+
+def _renew_lock_after_fork():
+    """In a forked child the thread that held the lock does not exist, and would never let go."""
+    global _trees_lock
+    _trees_lock = threading.RLock()
+
+
+os.register_at_fork(after_in_child=_renew_lock_after_fork)
 
 
 def tree_of(scene):

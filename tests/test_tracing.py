@@ -4,6 +4,7 @@ import pickle
 import signal
 import subprocess
 import sys
+import threading
 import time
 
 import numpy as np
@@ -11,7 +12,7 @@ import pytest
 
 pytest.importorskip("embreex", reason="csm.truth needs embreex")
 
-from csm import embree
+from csm import embree, scenes
 from csm.camera import Camera
 from csm.scene import Scene
 from csm.sun import Sun
@@ -429,3 +430,56 @@ def test_ctrl_c_stops_within_a_second_and_leaves_a_usable_tree():
     finally:
         process.kill()
         process.communicate()
+
+
+# ------------------------------------------------------------------------------------ the tree's lock
+
+
+def test_a_trace_may_begin_while_another_builds_its_tree(monkeypatch):
+    """As a signal handler on the same thread does; a lock of one entry would wait for itself."""
+    outer, inner = scenes.plane_and_box(), scenes.stairs(3)
+
+    class Nested(embree.RayTree):
+        def __init__(self, scene):
+            super().__init__(scene)
+            if scene is outer:
+                embree.tree_of(inner)
+
+    monkeypatch.setattr(embree, "RayTree", Nested)
+    done = []
+    thread = threading.Thread(target=lambda: done.append(embree.tree_of(outer)), daemon=True)
+    thread.start()
+    thread.join(30)
+    assert len(done) == 1
+    assert embree.tree_of(outer) is done[0]
+
+
+FORK = """
+import os, signal, threading
+import csm
+from csm import embree
+
+scene = csm.scenes.plane_and_box()
+held, over = threading.Event(), threading.Event()
+
+def hold():
+    with embree._trees_lock:
+        held.set()
+        over.wait()
+
+threading.Thread(target=hold).start()
+held.wait()
+child = os.fork()
+if child == 0:
+    signal.alarm(20)  # ends a child that waits for ever
+    embree.tree_of(scene)
+    os._exit(0)
+status = os.waitpid(child, 0)[1]
+over.set()
+raise SystemExit(status)
+"""
+
+
+def test_a_fork_while_a_tree_is_built_leaves_the_child_a_lock():
+    done = subprocess.run([sys.executable, "-c", FORK], capture_output=True, text=True, timeout=60)
+    assert done.returncode == 0, done.stderr
