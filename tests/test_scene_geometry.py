@@ -278,6 +278,56 @@ def test_normals_are_unit_and_towards_the_camera_at_every_scale(renderer, scale)
     assert 0.01 < (frame.mask == 0)[frame.valid].mean() < 0.9
 
 
+def extreme_view(rng):
+    """A scene of random triangles, a camera, a sun and settings, of any size and anywhere; None
+    where one is refused (a light window too far away for doubles, say)."""
+    size, away = 10.0 ** rng.integers(-12, 17), 10.0 ** rng.integers(-6, 16) * rng.integers(2)
+    count = rng.integers(3, 40)
+    positions = rng.normal(size=(count, 3)) * size + rng.normal(size=3) * away
+    mesh = csm.Mesh(positions, rng.integers(0, count, (rng.integers(1, 60), 3)))
+    transforms = placed(
+        *((rng.normal(size=(3, 3)) * 10.0 ** rng.integers(-8, 8), rng.normal(size=3) * size)
+          for _ in range(rng.integers(1, 4)))
+    )  # fmt: skip
+    try:
+        scene = csm.Scene([mesh], [0] * len(transforms), transforms)
+        middle, extent = scene.bounds.mean(axis=0), np.ptp(scene.bounds, axis=0).max()
+        near = extent * 10.0 ** rng.integers(-6, 1)
+        camera = csm.Camera.look_at(
+            middle + rng.normal(size=3) * extent * 10.0 ** rng.integers(-2, 3),
+            middle + rng.normal(size=3) * size,
+            fov_y_deg=rng.uniform(0.01, 179), near=near, far=near * 10 ** rng.uniform(2, 9),
+            size=(13, 9),
+        )  # fmt: skip
+        settings = SETTINGS.replace(
+            map_size=int(rng.integers(4, 70)), snap=str(rng.choice(["exact", "none"])),
+            fit=str(rng.choice(["sphere", "box", "diameter", "scene"])),
+            cull=str(rng.choice(["inclusive", "none"])), pancake=bool(rng.integers(2)),
+            depth_format=str(rng.choice(["d32f", "d16"])),
+        )  # fmt: skip
+        sun = csm.Sun(rng.normal(size=3))
+        csm.fit_cascades(camera, sun, settings, scene=scene)
+    except ValueError:
+        return None
+    return scene, camera, sun, settings
+
+
+def test_scenes_of_any_size_and_place_give_numbers(renderer):
+    rng = np.random.default_rng(0)
+    views = [view for view in (extreme_view(rng) for _ in range(150)) if view]
+    assert len(views) > 75
+    seen = 0
+    for view in views:
+        frame = renderer.render(*view, outputs=OUTPUTS)
+        assert np.isfinite(frame.normal).all()
+        assert np.isfinite(frame.view_depth[frame.valid]).all()
+        assert np.isin(frame.mask, (0, 1)).all()
+        assert np.isin(frame.cascade_index, (0, 1, 255)).all()
+        assert ((frame.shadow_maps >= 0) & (frame.shadow_maps <= 1)).all()
+        seen += frame.valid.any()
+    assert seen > 30
+
+
 # -- life ------------------------------------------------------------------------------------------
 
 
