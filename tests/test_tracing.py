@@ -432,7 +432,7 @@ def test_ctrl_c_stops_within_a_second_and_leaves_a_usable_tree():
         process.communicate()
 
 
-# ----------------------------------------------------------------------------------- the tree's lock
+# ---------------------------------------------------------------------------------- the tree's lock
 
 
 def test_a_trace_may_begin_while_another_builds_its_tree(monkeypatch):
