@@ -1,6 +1,11 @@
 """Files to scenes: meshes and glTF through trimesh, elevation grids, and the views beside them."""
 
 import json
+import os
+import reprlib
+import signal
+import threading
+from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
@@ -41,6 +46,8 @@ def load(path):
 
     Raises
     ------
+    TypeError
+        If path is not a path.
     OSError
         If the file, or a buffer it names, is missing or unreadable.
     ValueError
@@ -63,8 +70,8 @@ def load(path):
         scene = _loaded(path, suffix, trimesh)
     except OSError:
         raise
-    except Exception as error:  # trimesh raises a dozen kinds, one of them without a text
-        cause = str(error) or f"damaged file, {type(error).__name__}"
+    except Exception as error:  # of damaged structure, beside the refusals in words
+        cause = str(error) or f"malformed: {type(error).__name__}"
         raise ValueError(f"{path}: {cause}") from error
     return _with_views(scene, path)
 
@@ -89,6 +96,8 @@ def load_elevation(path):
 
     Raises
     ------
+    TypeError
+        If path is not a path.
     OSError
         If the file is missing or unreadable.
     ValueError
@@ -106,6 +115,8 @@ def load_elevation(path):
 
 
 def _existing(path):
+    if not isinstance(path, str | os.PathLike):
+        raise TypeError(f"path must be a path (got {path!r})")
     path = Path(path)
     if path.is_dir():
         raise IsADirectoryError(f"{path}: is a folder, not a file")
@@ -114,9 +125,28 @@ def _existing(path):
     return path
 
 
+@contextmanager
+def _interrupt_kept():
+    """Hold Ctrl-C back until the block ends: trimesh catches BaseException and would swallow it."""
+    handler = signal.getsignal(signal.SIGINT)
+    # Only the main thread runs handlers and may set them; SIG_IGN, SIG_DFL and C's swallow nothing.
+    if threading.current_thread() is not threading.main_thread() or not callable(handler):
+        yield
+        return
+    arrived = []
+    try:
+        signal.signal(signal.SIGINT, lambda *signal_and_frame: arrived.append(signal_and_frame))
+        yield
+    finally:
+        signal.signal(signal.SIGINT, handler)
+        if arrived:
+            handler(*arrived[0])
+
+
 def _trimesh():
     try:
-        import trimesh
+        with _interrupt_kept():
+            import trimesh
     except ImportError as error:
         raise ImportError(
             "csm.load needs trimesh: pip install cascaded-shadow-maps[mesh]"
@@ -134,7 +164,7 @@ def _loaded(path, suffix, trimesh):
         options["skip_materials"] = True
     elif suffix == ".obj":
         options["skip_materials"] = True
-    loaded = trimesh.load_scene(str(path), process=False, **options)
+    loaded = _read_by_trimesh(path, trimesh, options)
     if "georeference" in loaded.graph.nodes:
         georeference = loaded.graph["georeference"][0][:3, 3]
     meshes = {
@@ -160,6 +190,20 @@ def _loaded(path, suffix, trimesh):
         name=path.stem,
         georeference=georeference,
     )
+
+
+def _read_by_trimesh(path, trimesh, options):
+    try:
+        with _interrupt_kept():
+            return trimesh.load_scene(str(path), process=False, **options)
+    except OSError:
+        raise
+    except IndexError as error:
+        raise ValueError(
+            f"malformed: an index, as a face's, is beyond what the file holds ({error})"
+        ) from error
+    except Exception as error:  # a dozen kinds, one of them without a text
+        raise ValueError(f"malformed: {error or type(error).__name__}") from error
 
 
 def _animated(path, document):
@@ -188,8 +232,9 @@ def _with_views(scene, path):
     if not views_path.is_file():
         return scene
     try:
-        entries = json.loads(views_path.read_text(encoding="utf-8"))
-        entry = next((e for e in entries.values() if e.get("file") == path.name), None)
+        entries = _by_name("the file", json.loads(views_path.read_text(encoding="utf-8")))
+        entries = [_by_name(f"entry {name!r}", entry) for name, entry in entries.items()]
+        entry = next((entry for entry in entries if entry.get("file") == path.name), None)
         if entry is None:
             return scene
         given = entry.get("georeference", scene.georeference)
@@ -199,18 +244,28 @@ def _with_views(scene, path):
                 f"{scene.georeference.tolist()}"
             )
         cameras = {
-            name: _camera(view).translated(scene.georeference)
-            for name, view in entry.get("cameras", {}).items()
+            name: _camera(_by_name(f"camera {name!r}", view)).translated(scene.georeference)
+            for name, view in _by_name("cameras", entry.get("cameras", {})).items()
         }
         suns = {
-            name: Sun(view["to_light"], view.get("angular_diameter_deg", 0.0))
-            for name, view in entry.get("suns", {}).items()
+            name: _sun(_by_name(f"sun {name!r}", view))
+            for name, view in _by_name("suns", entry.get("suns", {})).items()
         }
     except KeyError as error:
         raise ValueError(f"{views_path}: {path.name}: {error} is missing") from error
-    except (AttributeError, TypeError, ValueError) as error:
+    except (TypeError, ValueError) as error:
         raise ValueError(f"{views_path}: {path.name}: {error}") from error
     return scene.replace(cameras=cameras, suns=suns)
+
+
+def _by_name(what, value):
+    if not isinstance(value, dict):
+        raise ValueError(f"{what} must be a JSON object of names (got {reprlib.repr(value)})")
+    return value
+
+
+def _sun(view):
+    return Sun(view["to_light"], view.get("angular_diameter_deg", 0.0))
 
 
 def _camera(view):

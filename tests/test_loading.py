@@ -1,9 +1,12 @@
 """Files to scenes: against the facts beside the test scenes, a second reader, and hostile files."""
 
 import json
+import signal
 import struct
 import subprocess
 import sys
+import threading
+import types
 
 import numpy as np
 import pytest
@@ -272,8 +275,8 @@ def test_other_formats(tmp_path, suffix, text):
         ("empty.glb", b"", "at least 20 bytes|JSON"),
         ("text.glb", b"hello, this is not a glb at all", "JSON"),
         ("empty.obj", b"", "."),
-        ("words.obj", b"v a b c\nf 1 2 3\n", "."),
-        ("range.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "."),
+        ("words.obj", b"v a b c\nf 1 2 3\n", "malformed: "),
+        ("range.obj", b"v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 9\n", "malformed: an index, as a face's"),
         ("nan.obj", b"v 0 0 nan\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", "finite"),
         ("count.ply", PLY.replace("vertex 5", "vertex 900000000000").encode(), "."),
         ("short.stl", b"\0" * 80 + b"\xff\xff\xff\xff", "."),
@@ -295,6 +298,76 @@ def test_missing_files(tmp_path, load):
         load(tmp_path / "nowhere.glb")
     with pytest.raises(IsADirectoryError, match="is a folder"):
         load(tmp_path)
+    with pytest.raises(TypeError, match=r"path must be a path \(got 5\)"):
+        load(5)
+
+
+# ----------------------------------------------------------------------------------- Ctrl-C
+
+
+def stub_of_trimesh(heard):
+    """A trimesh that is interrupted and, like the real one, goes on after any BaseException."""
+
+    def load_scene(*_, **__):
+        try:
+            signal.raise_signal(signal.SIGINT)
+        except BaseException as error:
+            heard.append(error)
+        raise RuntimeError("the loader fell over")
+
+    return types.SimpleNamespace(load_scene=load_scene)
+
+
+def test_an_interrupt_that_the_loader_swallows_still_arrives(tmp_path, monkeypatch):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0")
+    heard = []
+    monkeypatch.setitem(sys.modules, "trimesh", stub_of_trimesh(heard))
+    with pytest.raises(KeyboardInterrupt):
+        csm.load(path)
+    assert heard == []  # so nothing of the loader's work was cut off half-way
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
+def test_an_interrupt_during_the_import_of_trimesh_still_arrives(tmp_path, monkeypatch):
+    (tmp_path / "trimesh.py").write_text(
+        "import signal\n"
+        "try:\n    signal.raise_signal(signal.SIGINT)\nexcept BaseException:\n    pass\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    monkeypatch.delitem(sys.modules, "trimesh")
+    (tmp_path / "a.obj").write_text("v 0 0 0")
+    with pytest.raises(KeyboardInterrupt):
+        csm.load(tmp_path / "a.obj")
+
+
+def test_the_handler_of_the_program_gets_the_interrupt(tmp_path, monkeypatch):
+    path = tmp_path / "a.obj"
+    path.write_text("v 0 0 0")
+    monkeypatch.setitem(sys.modules, "trimesh", stub_of_trimesh([]))
+    got = []
+
+    def of_the_program(number, frame):
+        got.append(number)
+
+    before = signal.signal(signal.SIGINT, of_the_program)
+    try:
+        # it does not raise, so the loader's own failure is what the caller sees
+        with pytest.raises(ValueError, match="the loader fell over"):
+            csm.load(path)
+        assert signal.getsignal(signal.SIGINT) is of_the_program
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert got == [signal.SIGINT]
+
+
+def test_a_file_loads_beside_the_main_thread(tmp_path):
+    path = one_triangle().save(tmp_path / "one.glb")
+    counts = []
+    thread = threading.Thread(target=lambda: counts.append(csm.load(path).triangle_count))
+    thread.start()
+    thread.join()
+    assert counts == [1]
 
 
 # ------------------------------------------------------------------------------- scenes.json
@@ -323,7 +396,11 @@ def test_views_of_a_file_that_is_named(tmp_path):
     ("entry", "text"),
     [
         ("{", "scenes.json"),
-        ("[1, 2]", "scenes.json"),
+        ("[1, 2]", r"the file must be a JSON object of names \(got \[1, 2\]\)"),
+        ({"one": 5}, r"entry 'one' must be a JSON object of names \(got 5\)"),
+        ({"one": {"file": "one.glb", "cameras": [1]}}, r"cameras must be .*\(got \[1\]\)"),
+        ({"one": {"file": "one.glb", "cameras": {"c": 5}}}, "camera 'c' must be a JSON object"),
+        ({"one": {"file": "one.glb", "suns": {"s": "up"}}}, "sun 's' must be a JSON object"),
         ({"one": {"file": "one.glb", "cameras": {"c": {"eye": [0, 0, 1]}}}}, "'at' is missing"),
         ({"one": {"file": "one.glb", "cameras": {"c": {**CAMERA, "far": 0.01}}}}, "far must be >"),
         ({"one": {"file": "one.glb", "suns": {"s": {"to_light": [0, 0, 0]}}}}, "zero vector"),
