@@ -176,8 +176,8 @@ def read_elevation(path):
 
     Raises
     ------
-    FileNotFoundError
-        If there is no such file.
+    OSError
+        If there is no such file or it cannot be opened.
     ValueError
         If it is not an elevation grid; the text names the path and the cause.
     ImportError
@@ -196,14 +196,14 @@ def read_elevation(path):
 
 
 def _read_npz(path):
-    try:
-        # opened here: of a damaged archive numpy leaves its own file open
-        with open(path, "rb") as file, np.load(file, allow_pickle=False) as archive:
-            keys = set(archive.files)
-            wanted = [key for key in ("elevation", *_METRE_KEYS, *_DEGREE_KEYS) if key in keys]
-            data = {key: archive[key] for key in wanted}
-    except Exception as error:  # numpy and zipfile raise a dozen kinds for a damaged archive
-        raise ValueError(f"{path}: not a readable .npz archive ({error})") from error
+    with open(path, "rb") as file:  # of a damaged archive numpy leaves its own file open
+        try:
+            with np.load(file, allow_pickle=False) as archive:
+                keys = set(archive.files)
+                wanted = [key for key in ("elevation", *_METRE_KEYS, *_DEGREE_KEYS) if key in keys]
+                data = {key: archive[key] for key in wanted}
+        except Exception as error:  # a dozen kinds, some with advice on arguments of np.load
+            raise ValueError(f"{path}: not a readable .npz archive of numbers") from error
     metres, degrees = keys.issuperset(_METRE_KEYS), keys.issuperset(_DEGREE_KEYS)
     if "elevation" not in keys or not (metres or degrees):
         raise ValueError(
@@ -233,10 +233,11 @@ def _cell_size_of_degrees(data):
 
 
 def _read_npy(path):
-    try:
-        heights = np.load(path, allow_pickle=False)
-    except Exception as error:  # as above
-        raise ValueError(f"{path}: not a readable .npy array ({error})") from error
+    with open(path, "rb") as file:
+        try:
+            heights = np.load(file, allow_pickle=False)
+        except Exception as error:  # as above
+            raise ValueError(f"{path}: not a readable .npy array of numbers") from error
     return heights, (1.0, 1.0), None
 
 

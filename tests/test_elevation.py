@@ -277,5 +277,26 @@ def test_damaged_files_are_refused_by_name(tmp_path, name, content, text):
 
 def test_pickled_objects_are_not_run(tmp_path):
     np.save(tmp_path / "dem.npy", np.array([{"a": 1}], object), allow_pickle=True)
-    with pytest.raises(ValueError, match=r"dem\.npy: not a readable"):
+    # The whole text: numpy's own advises to allow what is dangerous.
+    with pytest.raises(ValueError, match=r"dem\.npy: not a readable \.npy array of numbers$"):
         csm.load_elevation(tmp_path / "dem.npy")
+
+
+@pytest.mark.parametrize("suffix", ["npz", "npy"])
+def test_text_is_refused_without_advice_on_numpy(tmp_path, suffix):
+    path = tmp_path / f"dem.{suffix}"
+    path.write_text("hello")
+    with pytest.raises(ValueError, match=rf"dem\.{suffix}: not a readable .* of numbers$"):
+        csm.load_elevation(path)
+
+
+@pytest.mark.parametrize("suffix", ["npz", "npy"])
+def test_a_file_that_may_not_be_opened_is_not_called_damaged(tmp_path, monkeypatch, suffix):
+    def refuse(*_):
+        raise PermissionError(13, "Permission denied")
+
+    path = tmp_path / f"dem.{suffix}"
+    path.write_bytes(b"x")
+    monkeypatch.setattr("csm.elevation.open", refuse, raising=False)
+    with pytest.raises(PermissionError):
+        csm.load_elevation(path)
