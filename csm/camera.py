@@ -229,7 +229,8 @@ def _orthographic(
     height : float
         What the picture spans from bottom to top [m].
     near, far : float
-        View depths of what is drawn [m], ``near < far``; near may be negative.
+        View depths of what is drawn [m], ``near < far``. Near may be 0 or negative: shadows then
+        need ``split="uniform"`` or ``"manual"``, as the other schemes take ratios of depths.
     size : (int, int)
         Width and height in pixels.
 

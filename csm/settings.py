@@ -14,15 +14,17 @@ __all__ = ["ShadowSettings"]
 class ShadowSettings:
     """How shadows are made. Frozen; `replace` makes a changed copy.
 
-    Lengths in texels are texels of the cascade they apply to.
+    Lengths in texels are texels of the cascade they apply to. A setting that means nothing under
+    another choice (``lam`` under ``split="uniform"``) is checked and then ignored; `canonical`
+    shows what counts.
 
     Parameters
     ----------
     cascade_count : int
         1 to 8.
     map_size : int or tuple of int
-        Texels along a side of a shadow map, for all cascades or one per cascade: equal sizes; a
-        plan refuses others.
+        Texels along a side of a shadow map, for all cascades or one per cascade. For now sizes per
+        cascade must be equal, as the maps are layers of one array; a plan refuses others.
     split : {"practical", "uniform", "logarithmic", "manual"}
         How the view range is cut [Zhang2006]_.
     lam : float
@@ -49,7 +51,8 @@ class ShadowSettings:
         Side of the pcf kernel: odd, up to 33, or 2 for the hardware's bilinear compare.
     bias : {"auto", "manual"}
         ``"auto"``: receiver plane at each texel's centre, plus a quarter texel of slope, a
-        depth quantum and the rounding of float32. ``"manual"``: the four settings below.
+        depth quantum and the rounding of float32. ``"manual"``: the four settings below, which
+        start at zero: with none of them set, tilted surfaces show acne.
     constant_bias_texels, slope_bias : float
         Depth bias along the light, ``t * (constant + slope_bias * (|gx| + |gy|))`` [m] with t the
         larger texel side [m] and g the receiver's depth gradient; positive lightens.
@@ -199,13 +202,13 @@ def _whole(name, value):
 
 
 def _manual_splits(value):
-    if not np.iterable(value):
+    if isinstance(value, str | bytes) or not np.iterable(value):
         raise TypeError(f"manual_splits must be a sequence of view depths [m] (got {value!r})")
     return tuple(_number("manual_splits", item) for item in value)
 
 
 def _map_size(value, cascade_count):
-    if not np.iterable(value):
+    if isinstance(value, str | bytes) or not np.iterable(value):
         return _whole("map_size", value)
     sizes = tuple(_whole("map_size", size) for size in value)
     if len(sizes) != cascade_count:

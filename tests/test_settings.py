@@ -155,6 +155,13 @@ def test_numbers_of_numpy_are_numbers():
     assert settings.pancake is True
 
 
+@pytest.mark.parametrize("name", ["map_size", "manual_splits"])
+@pytest.mark.parametrize("text", ["2048", "big", b"64"])
+def test_text_is_no_number_nor_a_sequence_of_digits(name, text):
+    with pytest.raises(TypeError, match=rf"{name} must be .*\(got {re.escape(repr(text))}\)"):
+        csm.ShadowSettings(**{name: text})
+
+
 # -- canonical form --------------------------------------------------------------------------------
 
 
