@@ -184,5 +184,6 @@ class Renderer:
         outputs: int,
         arrays: dict[str, NDArray[Any]],
         points: ArrayLike | None,
+        point_normals: ArrayLike | None,
         /,
     ) -> _Rendered: ...

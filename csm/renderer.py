@@ -174,6 +174,7 @@ class Renderer:
         outputs=DEFAULT_OUTPUTS,
         out=None,
         points=None,
+        point_normals=None,
     ):
         """Shadow maps and the camera's shadow mask.
 
@@ -191,8 +192,12 @@ class Renderer:
             An earlier frame of the same shapes; its arrays are written again and shared with the
             new frame. Saves the page faults of fresh memory.
         points : (m, 3) array_like, optional
-            World points [m] whose visibility is wanted too. Their surfaces are not known: they
-            are biased as if tilted 45 degrees to the light.
+            World points [m] whose visibility is wanted too.
+        point_normals : (m, 3) array_like, optional
+            Normals of the surfaces at `points`, on the side that is seen, of any length but 0. With
+            them a point is biased, and dark when it does not face the sun, as a pixel is. Without
+            them every point is biased as if tilted 45 degrees to the light: steeper surfaces then
+            shadow themselves (29 % of the points under a sun at 3 degrees, 0.2 % with normals).
 
         Returns
         -------
@@ -217,7 +222,7 @@ class Renderer:
         """
         settings = ShadowSettings() if settings is None else settings
         check_kinds(scene=scene, camera=camera, sun=sun, settings=settings)
-        points = _checked_points(points)
+        points, point_normals = _checked_points(points, point_normals)
         bits, outputs = output_bits(outputs, points is not None)
         point_count = None if points is None else len(points)
         self._check_limits(_core.plan(settings, *camera.size, bits)[1], camera, outputs)
@@ -238,6 +243,7 @@ class Renderer:
                     if "mask_single" in arrays
                     else arrays,
                     points,
+                    point_normals,
                 )
             except ShaderError as error:
                 # every mesh of a scene has an instance: more of them, and one is drawn again
@@ -337,17 +343,34 @@ class Renderer:
                 warnings.warn(text, GLWarning, stacklevel=3)
 
 
-def _checked_points(points):
+def _checked_points(points, normals):
     if points is None:
-        return None
-    points = np.ascontiguousarray(real_array("points", points), dtype=np.float64)
-    if points.ndim != 2 or points.shape[1] != 3:
-        raise ValueError(f"points must be (m, 3) (got shape {points.shape})")
-    finite = np.isfinite(points).all(axis=1)
+        if normals is not None:
+            raise ValueError("point_normals must come with points (got no points)")
+        return None, None
+    points = _finite_rows("points", points)
+    if normals is None:
+        return points, None
+    normals = _finite_rows("point_normals", normals)
+    if len(normals) != len(points):
+        raise ValueError(
+            f"point_normals must be as many as points, {len(points)} (got {len(normals)})"
+        )
+    lengths = np.linalg.norm(normals, axis=1)
+    if not lengths.all():
+        raise ValueError(f"point_normals must not be zero (number {int(np.argmin(lengths))} is)")
+    return points, normals / lengths[:, None]
+
+
+def _finite_rows(name, rows):
+    rows = np.ascontiguousarray(real_array(name, rows), dtype=np.float64)
+    if rows.ndim != 2 or rows.shape[1] != 3:
+        raise ValueError(f"{name} must be (m, 3) (got shape {rows.shape})")
+    finite = np.isfinite(rows).all(axis=1)
     if not finite.all():
         wrong = int(np.argmin(finite))
-        raise ValueError(f"points must be finite (number {wrong} is {points[wrong].tolist()})")
-    return points
+        raise ValueError(f"{name} must be finite (number {wrong} is {rows[wrong].tolist()})")
+    return rows
 
 
 def _shader_folder(shader_dir):

@@ -35,7 +35,6 @@ layout(std430, binding = 5) writeonly buffer normal_block
 #endif
 
 const uint nothing = 0xffffffffu;
-const float facing_limit = 1e-5; // an edge-on wall is not decided by rounding
 
 // Neighbours in a row that one invocation answers for, so that uniforms are read once for all of them.
 const int run_length = 8;

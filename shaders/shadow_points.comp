@@ -1,4 +1,4 @@
-// shadow_points.comp: visibility of any points, whose surface is not known.
+// shadow_points.comp: visibility of any points, with or without the normal of their surface.
 #include "include/frame.glsl"
 #include "include/visibility.glsl"
 
@@ -6,7 +6,7 @@ layout(local_size_x = 256) in;
 
 layout(std430, binding = 1) readonly buffer point_block
 {
-    float points[]; // x, y, z relative to the scene's origin
+    float points[]; // x, y, z relative to the scene's origin, then the normal, zero if unknown
 };
 
 layout(std430, binding = 6) writeonly buffer visibility_block
@@ -21,11 +21,12 @@ void main()
         return;
     }
     receiver point;
-    point.position = vec3(points[3 * i], points[3 * i + 1], points[3 * i + 2]);
-    point.normal = vec3(0.0);
+    point.position = vec3(points[6 * i], points[6 * i + 1], points[6 * i + 2]);
+    point.normal = vec3(points[6 * i + 3], points[6 * i + 4], points[6 * i + 5]);
     vec3 from_eye = (point.position - frame.eye_high.xyz) - frame.eye_low.xyz;
     point.view_depth = -dot(frame.backward.xyz, from_eye);
     int cascade;
     float visibility = receiver_visibility(point, cascade);
-    answers[i] = vec2(visibility, float(cascade));
+    bool facing = !plane_known(point) || dot(point.normal, frame.to_light.xyz) > facing_limit;
+    answers[i] = vec2(facing ? visibility : 0.0, float(cascade));
 }

@@ -134,7 +134,9 @@ static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *e
                         desc->point_count);
     }
     for (size_t i = 0; i < 3 * desc->point_count; i++) {
-        mapped[i] = (float)(desc->points[i] - desc->scene->origin[i % 3]);
+        float *out = mapped + 6 * (i / 3) + i % 3;
+        out[0] = (float)(desc->points[i] - desc->scene->origin[i % 3]);
+        out[3] = desc->point_normals ? (float)desc->point_normals[i] : 0.0f;
     }
     gl->UnmapNamedBuffer(renderer->points_in);
     return CSM_OK;
@@ -144,7 +146,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     size_t count = frame->desc->point_count;
-    GLsizeiptr in_bytes = (GLsizeiptr)(count * 3 * sizeof(float));
+    GLsizeiptr in_bytes = (GLsizeiptr)(count * 6 * sizeof(float));
     size_t out_bytes = count * 2 * sizeof(float);
     GLuint program;
     csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_POINTS, &program, err);

@@ -410,12 +410,14 @@ static PyObject *result_of(const csm_render_out *out, const csm_cascades *cascad
                          out->programs_compiled);
 }
 
-PyDoc_STRVAR(render_doc,
-             "render(scene, camera, to_light, settings, scene_bounds, held_step, outputs, arrays, "
-             "points)\n--\n\nFits cascades, runs the plan, fills the arrays of the dict.");
+PyDoc_STRVAR(
+    render_doc,
+    "render(scene, camera, to_light, settings, scene_bounds, held_step, outputs, arrays, "
+    "points, point_normals)\n--\n\nFits cascades, runs the plan, fills the arrays of the dict.");
 
 static PyObject *renderer_render(PyObject *object, PyObject *args) {
-    PyObject *capsule, *camera, *to_light, *settings, *bounds, *held_step, *arrays, *points;
+    PyObject *capsule, *camera, *to_light, *settings, *bounds, *held_step, *arrays, *points,
+        *normals;
     csm_renderer *renderer = open_renderer(object);
     csm_py_fit fit;
     csm_cascades cascades;
@@ -424,8 +426,9 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
     csm_status status;
     unsigned outputs;
     if (!renderer ||
-        !PyArg_ParseTuple(args, "OOOOOOIO!O:render", &capsule, &camera, &to_light, &settings,
-                          &bounds, &held_step, &outputs, &PyDict_Type, &arrays, &points) ||
+        !PyArg_ParseTuple(args, "OOOOOOIO!OO:render", &capsule, &camera, &to_light, &settings,
+                          &bounds, &held_step, &outputs, &PyDict_Type, &arrays, &points,
+                          &normals) ||
         csm_py_parse_fit(camera, to_light, settings, bounds, held_step, &fit) < 0) {
         return NULL;
     }
@@ -439,7 +442,7 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
                             .cascades = &cascades,
                             .outputs = outputs,
                             .stop = signal_arrived};
-    PyArrayObject *point_rows = NULL;
+    PyArrayObject *point_rows = NULL, *normal_rows = NULL;
     if (!desc.scene) {
         return NULL;
     }
@@ -452,9 +455,18 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
         desc.points = PyArray_DATA(point_rows);
         desc.point_count = (size_t)PyArray_DIM(point_rows, 0);
     }
+    if (point_rows && normals != Py_None) {
+        normal_rows = csm_py_rows(normals, "point_normals", NPY_DOUBLE, 3);
+        if (!normal_rows || PyArray_DIM(normal_rows, 0) != PyArray_DIM(point_rows, 0)) {
+            if (normal_rows) {
+                PyErr_SetString(PyExc_ValueError, "point_normals must be as many as points");
+            }
+            goto fail;
+        }
+        desc.point_normals = PyArray_DATA(normal_rows);
+    }
     if (!bind_arrays(arrays, &desc, &out)) {
-        Py_XDECREF(point_rows);
-        return NULL;
+        goto fail;
     }
     Py_BEGIN_ALLOW_THREADS
     status = csm_cascades_fit(&fit.desc, &cascades, &err);
@@ -463,7 +475,12 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
     }
     Py_END_ALLOW_THREADS
     Py_XDECREF(point_rows);
+    Py_XDECREF(normal_rows);
     return status == CSM_OK ? result_of(&out, &cascades) : csm_py_raise(module_of(object), &err);
+fail:
+    Py_XDECREF(point_rows);
+    Py_XDECREF(normal_rows);
+    return NULL;
 }
 
 static PyMethodDef renderer_methods[] = {

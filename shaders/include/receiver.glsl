@@ -8,6 +8,12 @@ struct receiver
 };
 
 const int no_cascade = 255;
+const float facing_limit = 1e-5; // an edge-on wall is not decided by rounding
+
+bool plane_known(receiver point)
+{
+    return point.normal != vec3(0.0);
+}
 
 // A receiver in the window of the cascade that answers for it. Filters read this and no per-cascade uniform: an
 // index that is only known at run time costs a gather for every number on software GL.

@@ -10,11 +10,6 @@ const float max_slope_tangent = 1e3;
 const float rounding_of_depth = 1.0 / 4194304.0;    // 2^-22
 const float rounding_of_position = 1.0 / 8388608.0; // 2^-23
 
-bool plane_known(receiver point)
-{
-    return point.normal != vec3(0.0);
-}
-
 // Gradient of light-view depth over light x, y [m/m] on the receiver's plane.
 vec2 depth_gradient(receiver point)
 {
