@@ -362,6 +362,16 @@ def test_surfaces_are_two_sided_and_dark_when_turned_from_the_sun(renderer, wind
         assert (frame.mask == lit).all()
 
 
+@pytest.mark.parametrize(("cosine", "lit"), [(-1e-3, 0.0), (0.0, 0.0), (9e-6, 0.0), (1.1e-5, 1.0)])
+def test_a_surface_faces_the_sun_beyond_a_cosine_of_1e_5(renderer, cosine, lit):
+    wall = [(0, -5, -5), (0, -5, 5), (0, 5, 5), (0, 5, -5)]
+    scene = csm.Scene.from_arrays(wall, [(0, 1, 2), (0, 2, 3)])
+    camera = csm.Camera.orthographic((3, 0, 0), (0, 0, 0), height=4, far=9, size=(8, 8))
+    settings = csm.ShadowSettings(filter="none")
+    frame = renderer.render(scene, camera, csm.Sun((cosine, 1, 0)), settings, outputs=("mask",))
+    assert (frame.mask == lit).all()
+
+
 def test_index_is_0_in_the_nearest_cascade_and_grows_with_depth(renderer):
     scene = rectangles((-60, 60, 0, -100, 60))
     camera = csm.Camera.look_at((0, 2, 50), (0, 0, 30), near=0.5, far=150, size=(32, 64))
