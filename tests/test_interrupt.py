@@ -70,6 +70,25 @@ lag = max(interrupted(lambda: renderer.render(forest, view, sun, many, outputs=(
           for delay in (0.3, 0.9, 1.7))
 """
 
+MANY_POINTS = """
+kernel = csm.ShadowSettings(map_size=512, filter="pcf", filter_size=33)
+cloud = np.random.default_rng(0).uniform(-3, 3, (4_000_000, 3))
+lag = max(interrupted(lambda: renderer.render(scene, camera, sun, kernel, points=cloud), delay)
+          for delay in (0.7, 1.3, 2.0))
+"""
+
+MANY_INSTANCES = """
+random = np.random.default_rng(1)
+mesh = csm.Mesh(random.normal(size=(100, 3)), random.integers(0, 100, (190, 3)))
+places = np.tile(np.eye(4), (30_000, 1, 1))
+places[:, :3, 3] = random.uniform(-200, 200, (30_000, 3))
+cloud = csm.Scene([mesh], np.zeros(30_000, np.int32), places)
+view = csm.Camera.look_at((0, 0, 400), (0, 0, 0), far=1000, size=(640, 360))
+renderer.render(cloud, view, sun, settings)
+lag = max(interrupted(lambda: renderer.render(cloud, view, sun), delay)
+          for delay in (0.2, 0.6, 1.1))
+"""
+
 UPLOAD = """
 grid = np.add.outer(np.arange(1500.0) % 7, np.arange(1500.0) % 5)
 terrain = csm.Scene.from_elevation(grid, 1.0)
@@ -109,12 +128,21 @@ def run(work):
 
 @pytest.mark.parametrize(
     "work",
-    [LARGE_MAPS, LARGE_KERNEL, MANY_TRIANGLES, UPLOAD, TRUTH, TREE],
-    ids=["large maps", "large kernel", "many triangles", "upload", "truth", "tree"],
-)
+    [
+        LARGE_MAPS, LARGE_KERNEL, MANY_TRIANGLES, MANY_POINTS, MANY_INSTANCES, UPLOAD, TRUTH, TREE,
+    ],
+    ids=[
+        "large maps", "large kernel", "many triangles", "many points", "many instances", "upload",
+        "truth", "tree",
+    ],
+)  # fmt: skip
 def test_an_interrupt_is_noticed_and_leaves_a_usable_renderer(work):
-    # The promise is a second. A loaded machine is not ours to judge: ten are never a coincidence.
-    lags = run(work)
-    print(f"noticed after {', '.join(f'{lag:.2f}' for lag in lags)} s")
-    assert lags
-    assert max(lags) < 10.0
+    # The promise is a second. A loaded machine is not ours to judge, so a case may try three times:
+    # work that never looks up is late each time.
+    for _ in range(3):
+        lags = run(work)
+        print(f"noticed after {', '.join(f'{lag:.2f}' for lag in lags)} s")
+        assert lags
+        if max(lags) <= 1.0:
+            return
+    pytest.fail(f"noticed after {max(lags):.2f} s, three times over a second")

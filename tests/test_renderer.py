@@ -276,3 +276,70 @@ def test_renderers_and_frames_print_what_they_are(fresh_renderer, scene):
     assert repr(frame).startswith("Frame(160x90, mask, ")
     renderer.close()
     assert repr(renderer).endswith("closed>")
+
+
+# -- points with normals, one cascade's mask, limits before work -----------------------------------
+
+
+def test_points_with_normals_are_answered_as_pixels_are(renderer):
+    # The centres of the pixels, from the truth: what differs is float32 rounding of the point.
+    scene = csm.scenes.town(5_000)
+    camera = scene.cameras["street"].replace(size=(160, 90))
+    for sun in (*scene.suns.values(), csm.Sun((0.9, 0.05, 0.3))):
+        truth = csm.truth(scene, camera, sun)
+        points, normals = truth.position[truth.valid], truth.normal[truth.valid]
+        frame = renderer.render(scene, camera, sun, points=points, point_normals=3.0 * normals)
+        same = frame.valid[truth.valid]
+        differs = frame.point_visibility != frame.mask[truth.valid]
+        assert differs[same].mean() <= 2e-3
+        assert (frame.point_visibility[~truth.facing[truth.valid]] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("normals", "words"),
+    [
+        (np.ones((2, 3)), "as many as points"),
+        (np.zeros((3, 3)), "must not be zero"),
+        (np.full((3, 3), np.nan), "point_normals must be finite"),
+        (np.ones(3), "point_normals must be (m, 3)"),
+    ],
+    ids=["other length", "zero", "nan", "one row"],
+)
+def test_bad_point_normals_are_refused(renderer, normals, words):
+    scene = csm.scenes.plane_and_box()
+    camera, sun = scene.cameras["corner"].replace(size=(16, 9)), scene.suns["diagonal"]
+    with pytest.raises(ValueError, match=re.escape(words)):
+        renderer.render(scene, camera, sun, points=np.ones((3, 3)), point_normals=normals)
+
+
+def test_mask_single_is_the_mask_while_nothing_blends(renderer):
+    scene = csm.scenes.plane_and_box()
+    camera, sun = scene.cameras["corner"].replace(size=(160, 90)), scene.suns["diagonal"]
+    both = renderer.render(scene, camera, sun, outputs=("mask", "mask_single"))
+    alone = renderer.render(scene, camera, sun, outputs=("mask_single",))
+    assert np.array_equal(both.mask, both.mask_single)
+    assert np.array_equal(both.mask, alone.mask_single)
+    assert alone.outputs == ("mask_single",)
+    assert 0.0 < both.mask.mean() < 1.0
+
+
+def test_an_output_the_driver_cannot_hold_is_refused_before_any_work(renderer):
+    scene = csm.scenes.plane_and_box()
+    sun = scene.suns["diagonal"]
+    side = 16384 if renderer.info["max_buffer_bytes"] < 16384**2 * 12 else None
+    if side is None:
+        pytest.skip("this driver holds the largest camera's normals")
+    camera = scene.cameras["corner"].replace(size=(side, side))
+    with pytest.raises(csm.LimitError, match="normal of 16384 x 16384 pixels"):
+        renderer.render(scene, camera, sun, outputs=("normal",))
+
+
+def test_no_shadows_is_a_baseline_that_can_be_judged(renderer):
+    scene = csm.scenes.plane_and_box()
+    camera, sun = scene.cameras["corner"].replace(size=(160, 90)), scene.suns["diagonal"]
+    truth = csm.truth(scene, camera, sun)
+    frame = renderer.render(scene, camera, sun, csm.ShadowSettings(filter="none"))
+    report = csm.compare(frame, truth)
+    shadowed = (truth.mask == 0) & truth.facing & frame.valid
+    assert report.disagreement == pytest.approx(shadowed.sum() / report.judged_count)
+    assert report.disagreement > 0.0

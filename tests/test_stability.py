@@ -1,6 +1,8 @@
 """What moves with the camera and what must not, on rendered frames (X1 to X3 of
 docs/numerics.md 16)."""
 
+import threading
+
 import mask_oracle
 import numpy as np
 import pytest
@@ -253,6 +255,27 @@ def edge_of_a_step():
         else:
             low = middle
     return scene, camera, 0.5 * (low + high), settings
+
+
+def test_a_walk_remembers_its_own_thread_alone(renderer):
+    # One step before the edge and one after, close enough to be one walk; in two threads they are
+    # two.
+    scene, camera, edge, settings = edge_of_a_step()
+    before, after = camera(edge - 0.3), camera(edge + 0.3)
+    alone = csm.fit_cascades(before, SUN, settings, scene=scene).range_step
+
+    def render_after():
+        frame = renderer.render(scene, after, SUN, settings, outputs=("mask",))
+        assert frame.cascades.range_step == alone + 1
+
+    other = threading.Thread(target=render_after)
+    other.start()
+    other.join()
+    frame = renderer.render(scene, before, SUN, settings, outputs=("mask",))
+    assert frame.cascades.range_step == alone
+    render_after()
+    held = renderer.render(scene, before, SUN, settings, outputs=("mask",))
+    assert held.cascades.range_step == alone + 1, "in one thread they are a walk"
 
 
 def test_a_camera_that_trembles_at_a_step_flips_at_most_once(renderer):

@@ -263,3 +263,37 @@ def test_a_process_may_end_with_a_renderer_open(ending):
         capture_output=True, text=True, timeout=60, check=False,
     )  # fmt: skip
     assert (result.returncode, result.stdout, result.stderr) == (0, "", "")
+
+
+DYING_OFF_THE_MAIN_THREAD = """
+import gc, threading, warnings
+import csm
+from csm import renderer as module
+
+warnings.simplefilter("ignore", ResourceWarning)
+kept = [csm.Renderer("glfw")]
+
+def drop():
+    kept.clear()
+    gc.collect()
+    assert len(module._orphans) == 1, "its window waits for the main thread"
+
+worker = threading.Thread(target=drop)
+worker.start()
+worker.join()
+assert len(module._orphans) == 1
+with csm.Renderer("glfw"):
+    assert not module._orphans, "the next one opened on the main thread closes it"
+print("closed")
+"""
+
+
+def test_a_glfw_renderer_that_dies_off_the_main_thread_waits_for_it():
+    if not os.environ.get("DISPLAY"):
+        pytest.skip("GLFW needs a display: run under xvfb-run")
+    result = subprocess.run(
+        [sys.executable, "-c", DYING_OFF_THE_MAIN_THREAD],
+        capture_output=True, text=True, timeout=100, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert result.stdout == "closed\n"
