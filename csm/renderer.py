@@ -356,10 +356,11 @@ def _checked_points(points, normals):
         raise ValueError(
             f"point_normals must be as many as points, {len(points)} (got {len(normals)})"
         )
-    lengths = np.linalg.norm(normals, axis=1)
-    if not lengths.all():
-        raise ValueError(f"point_normals must not be zero (number {int(np.argmin(lengths))} is)")
-    return points, normals / lengths[:, None]
+    largest = np.abs(normals).max(axis=1, keepdims=True, initial=0.0)
+    if not largest.all():
+        raise ValueError(f"point_normals must not be zero (number {int(np.argmin(largest))} is)")
+    normals = normals / largest  # else tiny and huge ones have no length in doubles
+    return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
 
 def _finite_rows(name, rows):
