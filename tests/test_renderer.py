@@ -174,6 +174,20 @@ def test_near_and_far_cut_what_is_seen(renderer, orthographic):
     assert (cut.view_depth[cut.valid] <= far * (1 + 1e-6)).all()
 
 
+@pytest.mark.parametrize("place", [8191.0003, 8190.99912345])
+def test_the_eye_keeps_its_place_below_a_step_of_float32(renderer, place):
+    # A wall at x = 8192 seen from a metre before it: float32 steps by 0.0005 m there.
+    wall = [[8192, -9000, -9000], [8192, 9000, -9000], [8192, 9000, 9000], [8192, -9000, 9000]]
+    wall = np.array(wall, float)
+    scene = csm.Scene.from_arrays(
+        np.concatenate([wall, wall * [-1, 1, 1]]), [[0, 1, 2], [0, 2, 3], [4, 5, 6], [4, 6, 7]]
+    )
+    assert np.array_equal(scene.origin, np.zeros(3))
+    camera = csm.Camera.look_at((place, 0, 0), (8192, 0, 0), near=0.1, far=1e5, size=(32, 18))
+    frame = draw(renderer, scene, camera, outputs=("view_depth",))
+    np.testing.assert_allclose(frame.view_depth, 8192 - place, rtol=4 * 2.0**-24)
+
+
 # -- what a frame says -----------------------------------------------------------------------------
 
 

@@ -94,8 +94,11 @@ void csm_frame_write_uniforms(csm_frame *frame) {
     memset(uniforms, 0, sizeof *uniforms);
     for (int axis = 0; axis < 3; axis++) {
         double eye = desc->camera.eye[axis] - desc->scene->origin[axis];
-        uniforms->eye_high[axis] = (float)eye;
-        uniforms->eye_low[axis] = (float)(eye - (double)uniforms->eye_high[axis]);
+        /* volatile: GCC 12 at -O3 pairs x with y and leaves the rounding of both out, so that the
+         * rest became 0 */
+        volatile float high = (float)eye;
+        uniforms->eye_high[axis] = high;
+        uniforms->eye_low[axis] = (float)(eye - (double)high);
     }
     write_view(&desc->camera, uniforms);
     to_floats(desc->to_light, 3, uniforms->to_light);
