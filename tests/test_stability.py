@@ -316,6 +316,31 @@ def test_frames_of_cameras_far_apart_share_nothing(renderer):
             assert np.array_equal(getattr(frame, name), getattr(alone[i], name))
 
 
+def test_a_range_is_held_along_a_walk_and_not_across_a_cut(renderer):
+    # Just past the edge of a step and just before it: held where the camera walked, not where it
+    # came from elsewhere, was turned round, or looks at another scene.
+    scene, camera, edge, settings = edge_of_a_step()
+    past, before = camera(edge + 0.05), camera(edge - 0.05)
+    low = csm.fit_cascades(before, SUN, settings, scene=scene).range_step
+
+    def step_after_one_more(first, second, second_scene=scene):
+        frame = renderer.render(scene, first, SUN, settings, outputs=("shadow_maps",))
+        assert frame.cascades.range_step == low + 1
+        frame = renderer.render(second_scene, second, SUN, settings, outputs=("shadow_maps",))
+        return frame.cascades.range_step
+
+    assert step_after_one_more(past, before) == low + 1
+    aside = before.translated((8.0, 0.0, 0.0))
+    assert csm.fit_cascades(aside, SUN, settings, scene=scene).range_step == low
+    assert step_after_one_more(past, aside) == low
+    turned = before.replace(right=-before.right, backward=-before.backward)
+    turned = turned.replace(eye=before.eye * [1, 1, -1])
+    assert csm.fit_cascades(turned, SUN, settings, scene=scene).range_step == low
+    assert step_after_one_more(past, turned) == low
+    twin = csm.Scene([shapes.mesh("ground", shapes.ground(30.0))])
+    assert step_after_one_more(past, before, twin) == low
+
+
 # -- world offsets (X3) ----------------------------------------------------------------------------
 
 DIRECTIONS = {"x": (1, 0, 0), "y": (0, 1, 0), "z": (0, 0, 1), "diagonal": (1, 1, 1)}
