@@ -9,6 +9,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
+import csm
 from csm.camera import Camera
 from csm.metrics import compare, edge_yardstick, undersampling
 from csm.sun import Sun
@@ -27,6 +28,7 @@ class FakeFrame:
     camera: Camera = CAMERA
     sun: Sun = SUN
     cascades: object = None
+    settings: csm.ShadowSettings = csm.ShadowSettings()
 
 
 @dataclass
