@@ -67,11 +67,11 @@ def work():
 """
 
 TRIANGLES = """
-forest = csm.scenes.forest(2000)
-many = csm.ShadowSettings(cascade_count=8, cull="none")
-view = forest.cameras["path"].replace(size=(320, 180))
+town = csm.scenes.town(50_000)
+many = csm.Scene.merge(*(town.placed((0, 0, 0.01 * i)) for i in range(60)))
+one_map = csm.ShadowSettings(cascade_count=1, map_size=512, cull="none")
 def work():
-    renderer.render(forest, view, sun, many, outputs=("mask",))
+    renderer.render(many, town.cameras["street"], sun, one_map, outputs=("shadow_maps",))
 """
 
 TRUTH = """
@@ -79,6 +79,24 @@ town = csm.scenes.town(50_000)
 view, soft = town.cameras["street"].replace(size=(640, 360)), csm.Sun(sun.to_light, 5.0)
 def work():
     csm.truth(town, view, soft, rays_per_pixel=64)
+"""
+
+POINTS = """
+kernel = csm.ShadowSettings(map_size=512, filter="pcf", filter_size=33)
+cloud = np.random.default_rng(0).uniform(-3, 3, (1_500_000, 3))
+def work():
+    renderer.render(scene, camera, sun, kernel, outputs=("mask",), points=cloud)
+"""
+
+INSTANCES = """
+random = np.random.default_rng(1)
+mesh = csm.Mesh(random.normal(size=(100, 3)), random.integers(0, 100, (190, 3)))
+places = np.tile(np.eye(4), (20_000, 1, 1))
+places[:, :3, 3] = random.uniform(-200, 200, (20_000, 3))
+swarm = csm.Scene([mesh], np.zeros(20_000, np.int32), places)
+view = csm.Camera.look_at((0, 0, 400), (0, 0, 0), far=1000, size=(640, 360))
+def work():
+    renderer.render(swarm, view, sun, outputs=("valid",))
 """
 
 UPLOAD = """
@@ -111,7 +129,9 @@ def run(work):
 
 
 @pytest.mark.parametrize(
-    "work", [MAPS, KERNEL, TRIANGLES, TRUTH], ids=["maps", "kernel", "triangles", "truth"]
+    "work",
+    [MAPS, KERNEL, TRIANGLES, POINTS, INSTANCES, TRUTH],
+    ids=["maps", "kernel", "triangles", "points", "instances", "truth"],
 )
 def test_an_interrupt_stops_work_in_the_middle(work):
     # The promise is a second, which a loaded machine may break. What it cannot: work that went on

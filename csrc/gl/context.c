@@ -31,6 +31,19 @@ void *csm_library_open(const char *const *names, csm_error *err) {
     return NULL;
 }
 
+csm_status csm_library_functions(void *library, const char *library_name,
+                                 const csm_library_function *functions, size_t count,
+                                 csm_error *err) {
+    for (size_t i = 0; i < count; i++) {
+        *functions[i].slot = dlsym(library, functions[i].name);
+        if (!*functions[i].slot) {
+            return csm_fail(err, CSM_ERROR_NO_CONTEXT, "%s is too old: it has no %s", library_name,
+                            functions[i].name);
+        }
+    }
+    return CSM_OK;
+}
+
 csm_status csm_context_open(csm_context *context, int backend, bool debug, csm_error *err) {
     if (backend < 0 || backend >= CSM_BACKEND_COUNT) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT, "backend must be 0 to %d (got %d)",

@@ -3,7 +3,6 @@
  */
 #include "gl_internal.h"
 
-#include <dlfcn.h>
 #include <stdio.h>
 #include <string.h>
 
@@ -46,10 +45,7 @@ static void load_extension(const char *name, void *slot) {
 
 static csm_status load_library(csm_error *err) {
     static const char *const names[] = {"libEGL.so.1", "libEGL.so", NULL};
-    static const struct {
-        const char *name;
-        void **slot;
-    } core[] = {
+    static const csm_library_function core[] = {
         {"eglGetProcAddress", (void **)&egl.GetProcAddress},
         {"eglQueryString", (void **)&egl.QueryString},
         {"eglInitialize", (void **)&egl.Initialize},
@@ -63,11 +59,10 @@ static csm_status load_library(csm_error *err) {
     if (!library) {
         return CSM_ERROR_NO_CONTEXT;
     }
-    for (size_t i = 0; i < sizeof core / sizeof *core; i++) {
-        *core[i].slot = dlsym(library, core[i].name);
-        if (!*core[i].slot) {
-            return csm_fail(err, CSM_ERROR_NO_CONTEXT, "libEGL has no %s", core[i].name);
-        }
+    csm_status status =
+        csm_library_functions(library, "libEGL", core, sizeof core / sizeof *core, err);
+    if (status != CSM_OK) {
+        return status;
     }
     load_extension("eglGetPlatformDisplayEXT", &egl.GetPlatformDisplayEXT);
     load_extension("eglQueryDevicesEXT", &egl.QueryDevicesEXT);

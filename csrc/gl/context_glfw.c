@@ -5,7 +5,6 @@
  */
 #include "gl_internal.h"
 
-#include <dlfcn.h>
 #include <stdio.h>
 
 enum {
@@ -31,10 +30,7 @@ static struct {
 
 static csm_status load_library(csm_error *err) {
     static const char *const names[] = {"libglfw.so.3", "libglfw.so", NULL};
-    static const struct {
-        const char *name;
-        void **slot;
-    } functions[] = {
+    static const csm_library_function functions[] = {
         {"glfwInit", (void **)&glfw.Init},
         {"glfwGetError", (void **)&glfw.GetError},
         {"glfwDefaultWindowHints", (void **)&glfw.DefaultWindowHints},
@@ -49,14 +45,8 @@ static csm_status load_library(csm_error *err) {
     if (!library) {
         return CSM_ERROR_NO_CONTEXT;
     }
-    for (size_t i = 0; i < sizeof functions / sizeof *functions; i++) {
-        *functions[i].slot = dlsym(library, functions[i].name);
-        if (!*functions[i].slot) {
-            return csm_fail(err, CSM_ERROR_NO_CONTEXT, "libglfw has no %s (3.3 or newer is needed)",
-                            functions[i].name);
-        }
-    }
-    return CSM_OK;
+    return csm_library_functions(library, "libglfw (3.3 or newer is needed)", functions,
+                                 sizeof functions / sizeof *functions, err);
 }
 
 static csm_status fail_glfw(const char *what, csm_error *err) {

@@ -1,7 +1,6 @@
 /* context_osmesa.c: Mesa's off-screen back end: no window system at all. */
 #include "gl_internal.h"
 
-#include <dlfcn.h>
 #include <stdio.h>
 #include <stdlib.h>
 
@@ -24,19 +23,18 @@ static struct {
 
 static csm_status load_library(csm_error *err) {
     static const char *const names[] = {"libOSMesa.so.8", "libOSMesa.so.6", "libOSMesa.so", NULL};
+    static const csm_library_function functions[] = {
+        {"OSMesaCreateContextAttribs", (void **)&osmesa.CreateContextAttribs},
+        {"OSMesaDestroyContext", (void **)&osmesa.DestroyContext},
+        {"OSMesaMakeCurrent", (void **)&osmesa.MakeCurrent},
+        {"OSMesaGetProcAddress", (void **)&osmesa.GetProcAddress},
+    };
     void *library = csm_library_open(names, err);
     if (!library) {
         return CSM_ERROR_NO_CONTEXT;
     }
-    *(void **)&osmesa.CreateContextAttribs = dlsym(library, "OSMesaCreateContextAttribs");
-    *(void **)&osmesa.DestroyContext = dlsym(library, "OSMesaDestroyContext");
-    *(void **)&osmesa.MakeCurrent = dlsym(library, "OSMesaMakeCurrent");
-    *(void **)&osmesa.GetProcAddress = dlsym(library, "OSMesaGetProcAddress");
-    if (!osmesa.CreateContextAttribs || !osmesa.DestroyContext || !osmesa.MakeCurrent ||
-        !osmesa.GetProcAddress) {
-        return csm_fail(err, CSM_ERROR_NO_CONTEXT, "libOSMesa is too old for core profiles");
-    }
-    return CSM_OK;
+    return csm_library_functions(library, "libOSMesa", functions,
+                                 sizeof functions / sizeof *functions, err);
 }
 
 static csm_status open_osmesa(csm_context *context, bool debug, csm_error *err) {

@@ -54,6 +54,16 @@ csm_gl_function csm_context_load(int backend, const char *name);
  * to err. The library stays open: drivers do not survive being unloaded. */
 void *csm_library_open(const char *const *names, csm_error *err);
 
+typedef struct csm_library_function {
+    const char *name;
+    void **slot;
+} csm_library_function;
+
+/* Fills every slot, or says which function the library lacks. */
+csm_status csm_library_functions(void *library, const char *library_name,
+                                 const csm_library_function *functions, size_t count,
+                                 csm_error *err);
+
 /* -- debug.c: KHR_debug into a ring ---------------------------------------------------------------
  */
 
