@@ -1,6 +1,5 @@
 """Names, order and defaults of what callers write: they may be added to, never changed."""
 
-import dataclasses
 import inspect
 
 import pytest
@@ -80,28 +79,6 @@ SIGNATURES = {
     "compare": [("frame", REQUIRED), ("truth", REQUIRED)],
 }
 
-SETTINGS = {
-    "cascade_count": 4,
-    "map_size": 2048,
-    "split": "practical",
-    "lam": 0.5,
-    "view_range": "scene",
-    "fit": "sphere",
-    "snap": "exact",
-    "select": "map",
-    "cull": "inclusive",
-    "depth_format": "d32f",
-    "filter": "hard",
-    "filter_size": 3,
-    "bias": "auto",
-}
-NUMBERS_OF_A_MANUAL_BIAS = (
-    "constant_bias_texels",
-    "slope_bias",
-    "normal_offset_texels",
-    "receiver_plane",
-)
-
 
 def named(path):
     """The callable of a dotted name in csm: a method as its class holds it."""
@@ -123,18 +100,6 @@ def test_signature(path):
     # What was added since is left out by those who do not know of it.
     for parameter in parameters[len(promised) :]:
         assert parameter.default is not REQUIRED, parameter
-
-
-def test_settings_and_their_defaults():
-    defaults = {field.name: field.default for field in dataclasses.fields(csm.ShadowSettings)}
-    assert {name: defaults.get(name) for name in SETTINGS} == SETTINGS
-    assert defaults.keys() >= set(NUMBERS_OF_A_MANUAL_BIAS)
-    for name in SETTINGS | dict.fromkeys(NUMBERS_OF_A_MANUAL_BIAS):
-        changed = csm.ShadowSettings().replace(**{name: defaults[name]})
-        assert changed == csm.ShadowSettings()
-        assert name in changed.to_dict()
-    with pytest.raises(dataclasses.FrozenInstanceError):
-        csm.ShadowSettings().lam = 0.7
 
 
 def test_compare_by_keyword():
