@@ -83,7 +83,11 @@ def test_plan_lists_what_is_needed_and_nothing_else(settings, outputs):
     assert {key for _, key in plan.programs} == {step.program for step in plan.passes}
 
 
-@pytest.mark.parametrize(("settings", "outputs"), CASES)
+# every kernel of eight cascades takes seconds to compile on software GL: once is enough
+RUN = [case for case in CASES if "eight" not in case.id or case.id.endswith("default")]
+
+
+@pytest.mark.parametrize(("settings", "outputs"), RUN)
 def test_renderer_runs_and_holds_what_the_plan_says(renderer, view, settings, outputs):
     plan = csm.plan(settings, size=SIZE, outputs=outputs)
     frame = renderer.render(*view, settings, outputs=outputs)
@@ -134,8 +138,8 @@ def test_textures_that_no_longer_serve_are_freed(fresh_renderer, view):
 def test_a_sweep_compiles_each_distinct_program_once_and_again_nothing(fresh_renderer, view):
     renderer = fresh_renderer()
     axes = {
-        "cascade_count": (1, 2),
-        "map_size": (16, 24),
+        "cascade_count": (1,),
+        "map_size": (16, 24, 32),
         "filter": ("none", "hard", "pcf"),
         "filter_size": (2, 3),
         "slope_bias": (0.0, 1.0),

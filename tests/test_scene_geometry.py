@@ -303,7 +303,6 @@ def extreme_view(rng):
             map_size=int(rng.integers(4, 70)), snap=str(rng.choice(["exact", "none"])),
             fit=str(rng.choice(["sphere", "box", "diameter", "scene"])),
             cull=str(rng.choice(["inclusive", "none"])), pancake=bool(rng.integers(2)),
-            depth_format=str(rng.choice(["d32f", "d16"])),
         )  # fmt: skip
         sun = csm.Sun(rng.normal(size=3))
         csm.fit_cascades(camera, sun, settings, scene=scene)
@@ -314,8 +313,8 @@ def extreme_view(rng):
 
 def test_scenes_of_any_size_and_place_give_numbers(renderer):
     rng = np.random.default_rng(0)
-    views = [view for view in (extreme_view(rng) for _ in range(150)) if view]
-    assert len(views) > 75
+    views = [view for view in (extreme_view(rng) for _ in range(100)) if view]
+    assert len(views) > 50
     seen = 0
     for view in views:
         frame = renderer.render(*view, outputs=OUTPUTS)
@@ -325,7 +324,7 @@ def test_scenes_of_any_size_and_place_give_numbers(renderer):
         assert np.isin(frame.cascade_index, (0, 1, 255)).all()
         assert ((frame.shadow_maps >= 0) & (frame.shadow_maps <= 1)).all()
         seen += frame.valid.any()
-    assert seen > 30
+    assert seen > 20
 
 
 # -- life ------------------------------------------------------------------------------------------
