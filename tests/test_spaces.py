@@ -5,16 +5,12 @@ light's axes are world axes (docs/numerics.md 6), so every expectation is counte
 pixels.
 """
 
-import re
-from pathlib import Path
-
 import numpy as np
 import pytest
 
 import csm
 from csm import _core, spaces
 
-ROOT = Path(__file__).resolve().parents[1]
 OVERHEAD = csm.Sun((0, 1, 0))
 
 
@@ -412,38 +408,3 @@ def test_without_a_filter_there_is_no_cascade(renderer):
     assert frame.point_visibility.tolist() == [1.0]
     with pytest.raises(AttributeError, match="filter='none' makes no shadow_maps"):
         frame.shadow_maps  # noqa: B018
-
-
-# -- what C and GLSL both write down ---------------------------------------------------------------
-
-WORDS = {"vec4": 1, "ivec4": 1, "mat4": 4}  # in units of 16 bytes; std140 pads none of them
-
-
-def block_of_the_shader():
-    """(name, 16-byte words) of every member of the uniform block, in order."""
-    text = (ROOT / "shaders/include/frame.glsl").read_text()
-    body = re.sub(r"//[^\n]*", "", re.search(r"struct frame_values\s*{(.*?)};", text, re.S)[1])
-    for kind, names in re.findall(r"(\w+)\s+([^;]+);", body):
-        for name, count in re.findall(r"(\w+)(?:\[(\d+)\])?", names):
-            yield name, WORDS[kind] * int(count or 1)
-
-
-def struct_of_the_core():
-    """The same of csm_frame_uniforms."""
-    text = (ROOT / "csrc/gl/gl_internal.h").read_text()
-    body = re.search(r"typedef struct csm_frame_uniforms {(.*?)}", text, re.S)[1]
-    body = re.sub(r"/\*.*?\*/", "", body, flags=re.S)
-    sizes = {"CSM_MAX_CASCADES": _core.MAX_CASCADES}
-    for names in re.findall(r"(?:float|int32_t)\s+([^;]+);", body):
-        for name, sides in re.findall(r"(\w+)((?:\[\w+\])+)", re.sub(r"\s+\[", "[", names)):
-            counts = [sizes.get(n) or int(n) for n in re.findall(r"\w+", sides)]
-            assert counts[-1] == 4, f"{name} is no vec4"
-            yield name, int(np.prod(counts)) // 4
-
-
-def test_uniform_block_and_struct_have_the_same_members_at_the_same_offsets():
-    # sizes and order give the offsets, as std140 pads no member that fills whole vec4s; that the
-    # struct has no padding either is a _Static_assert
-    members = list(block_of_the_shader())
-    assert len(members) > 10
-    assert members == list(struct_of_the_core())
