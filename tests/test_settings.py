@@ -1,6 +1,7 @@
 """ShadowSettings: the contract's defaults, the effect table field by field, the canonical form."""
 
 import copy
+import inspect
 import json
 import pickle
 import re
@@ -46,8 +47,8 @@ FIELDS = {field.name: field for field in fields(csm.ShadowSettings)}
 def documented(name):
     """The type line and the text of a parameter in the class's docstring."""
     match = re.search(
-        rf"^    (?:\w+, )*{name}(?:, \w+)* : (.*)\n((?:        .*\n|\n)*)",
-        csm.ShadowSettings.__doc__,
+        rf"^(?:\w+, )*{name}(?:, \w+)* : (.*)\n((?:    .*\n|\n)*)",
+        inspect.cleandoc(csm.ShadowSettings.__doc__),  # as Python 3.13 keeps it
         flags=re.MULTILINE,
     )
     assert match, f"{name} is not documented"
