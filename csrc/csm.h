@@ -517,7 +517,7 @@ typedef struct csm_render_desc {
     csm_settings settings;
     const csm_cascades *cascades; /* as fitted; unused under filter "none" */
     unsigned outputs;
-    const double *points; /* point_count x 3 world, or NULL */
+    const double *points;        /* point_count x 3 world, or NULL */
     const double *point_normals; /* point_count x 3, of unit length, or NULL: unknown */
     size_t point_count;
     csm_stop_callback stop;
