@@ -18,6 +18,9 @@ CAMERA = Camera.look_at((0, 5, 8), (0, 0, 0), size=(4, 3))
 SUN = Sun((1, 1, 0))
 
 
+SETTINGS = csm.ShadowSettings()
+
+
 @dataclass
 class FakeFrame:
     """What `compare` reads of a Frame."""
@@ -28,7 +31,7 @@ class FakeFrame:
     camera: Camera = CAMERA
     sun: Sun = SUN
     cascades: object = None
-    settings: csm.ShadowSettings = csm.ShadowSettings()
+    settings: csm.ShadowSettings = SETTINGS
 
 
 @dataclass
