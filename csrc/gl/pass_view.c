@@ -13,7 +13,7 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     const GladGLContext *gl = &renderer->gl;
     const csm_gpu_scene *scene = frame->desc->scene;
     const csm_camera *camera = &frame->desc->camera;
-    const GLuint nothing[2] = {0xffffffffu, 0xffffffffu};
+    const GLuint nothing[4] = {0xffffffffu, 0xffffffffu};
     const float farthest = 0.0f;
     GLuint program;
 
@@ -42,8 +42,7 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     gl->Disable(GL_DEPTH_CLAMP);
     gl->Enable(GL_DEPTH_TEST);
     gl->DepthFunc(GL_GREATER);
-    gl->ClearNamedFramebufferuiv(framebuffer, GL_COLOR, 0,
-                                 (const GLuint[4]){nothing[0], nothing[1]});
+    gl->ClearNamedFramebufferuiv(framebuffer, GL_COLOR, 0, nothing);
     gl->ClearNamedFramebufferfv(framebuffer, GL_DEPTH, 0, &farthest);
     gl->UseProgram(program);
     if (renderer->draws.command_count) {
