@@ -166,6 +166,30 @@ def evidence(request):
         _write_evidence(request.config.rootpath / "evidence" / name, kept)
 
 
+# -- hard cases ------------------------------------------------------------------------------------
+
+FIGURES = pytest.StashKey[list]()
+
+
+@pytest.fixture
+def figure(request):
+    """Function that checks and records the worst figure of a hard case.
+
+    ``figure(case, what, worst, tolerance, unit="", picture=None)`` fails if `worst` exceeds
+    `tolerance` or is NaN; `case` is an id of the matrix in docs/numerics.md 16. The hard-case
+    report shows the worst figure of each `what`, with its picture.
+    """
+
+    def record(case, what, worst, tolerance, unit="", picture=None):
+        kept = request.config.stash.setdefault(FIGURES, [])
+        kept.append(
+            (case, what, float(worst), float(tolerance), unit, request.node.nodeid, picture)
+        )
+        assert worst <= tolerance, f"{case} {what}: {worst:g} > {tolerance:g} {unit}"
+
+    return record
+
+
 # -- scene files -----------------------------------------------------------------------------------
 
 
