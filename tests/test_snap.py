@@ -50,7 +50,9 @@ def path_of(kind, steps, texel, rng):
             camera = camera.replace(right=axes[0], up=axes[1], backward=axes[2])
 
 
-def check_path(kind, size, padding, sun, fit, steps, rng):
+def check_path(figure, kind, size, padding, sun, fit, steps, rng):
+    off_lattice = drift = 0.0  # in units of their tolerance
+    sizes_changed = 0
     settings = settings_for(size, padding, fit=fit)
     points = rng.uniform(-200, 200, size=(2000, 3))
     texel = phase = None
@@ -58,14 +60,12 @@ def check_path(kind, size, padding, sun, fit, steps, rng):
         cascades = csm.fit_cascades(camera, sun, settings)
         if texel is None:
             texel = cascades.texel_size
-        # One texel size per cascade, to the bit.
-        assert np.array_equal(cascades.texel_size, texel)
+        sizes_changed += not np.array_equal(cascades.texel_size, texel)
         scale = cascades.clip_from_light[:, [0, 1], [0, 1]]
         corner = (-1 - cascades.clip_from_light[:, :2, 3]) / scale
         texels_off = np.abs(corner).max() / texel.min() + size
-        # X1: the window's corner is a whole number of texels, to 8 roundings of its distance.
-        rounding = 8 * 2.0**-52 * texels_off
-        assert np.abs(corner / texel - cascades.lattice).max() <= rounding
+        off = np.abs(corner / texel - cascades.lattice).max()
+        off_lattice = max(off_lattice, off / (2.0**-52 * texels_off))
         # The place of fixed points within their texels: u * S counts from the window's corner, the
         # lattice from the world's origin.
         places = np.stack(
@@ -75,29 +75,42 @@ def check_path(kind, size, padding, sun, fit, steps, rng):
         if phase is None:
             phase = places
         reach = (np.abs(points).max() * 2 + np.abs(corner).max()) / texel.min() + size
-        assert np.abs(places - phase).max() <= 8 * 2.0**-52 * reach
+        drift = max(drift, np.abs(places - phase).max() / (2.0**-52 * reach))
+    # To the bit; N is the distance from the world's origin in texels.
+    figure("X1", "steps with another texel size", sizes_changed, 0, "frames")
+    figure("X1", "window's corner from whole texels", off_lattice, 8, "N 2^-52 texels")
+    figure("X1", "phase of fixed points", drift, 8, "N 2^-52 texels")
 
 
 @pytest.mark.parametrize("kind", PATHS)
 @pytest.mark.parametrize("fit", ["sphere", "diameter"])
-def test_a_moving_camera_leaves_the_texel_grid_in_place(kind, fit):
+def test_x1_a_moving_camera_leaves_the_texel_grid_in_place(figure, kind, fit):
     rng = np.random.default_rng(21)
     for number, sun in enumerate(suns()):
         size, padding = SIZES[number % len(SIZES)], PADDINGS[number % len(PADDINGS)]
-        check_path(kind, size, padding, sun, fit, 40, rng)
+        check_path(figure, kind, size, padding, sun, fit, 40, rng)
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize("kind", PATHS)
 @pytest.mark.parametrize(("size", "padding"), list(itertools.product(SIZES, PADDINGS)))
-def test_thousand_steps(kind, size, padding):
+def test_x1_thousand_steps(figure, kind, size, padding):
     rng = np.random.default_rng(22)
     every = suns()
     for sun in (every[size % 6], every[6 + padding]):
-        check_path(kind, size, padding, sun, "sphere", 1000, rng)
+        check_path(figure, kind, size, padding, sun, "sphere", 1000, rng)
 
 
-def test_a_box_fit_keeps_its_texels_while_the_camera_only_moves():
+@pytest.mark.slow
+@pytest.mark.timeout(900)
+@pytest.mark.parametrize("number", range(26))
+def test_x1_thousand_steps_under_every_sun(figure, number):
+    rng = np.random.default_rng(220 + number)
+    for kind, fit in itertools.product(PATHS, ("sphere", "diameter")):
+        check_path(figure, kind, 1024, 1, suns()[number], fit, 1000, rng)
+
+
+def test_x1_a_box_fit_keeps_its_texels_while_the_camera_only_moves(figure):
     rng = np.random.default_rng(23)
     settings = settings_for(512, 0, fit="box")
     camera, sun = turned(rng), csm.Sun((1, 2, 3))
@@ -105,10 +118,10 @@ def test_a_box_fit_keeps_its_texels_while_the_camera_only_moves():
         csm.fit_cascades(camera.translated(rng.normal(size=3) * 1e3), sun, settings).texel_size
         for _ in range(50)
     ]
-    assert np.ptp(sizes, axis=0).max() == 0.0
+    figure("X1", "texel size of a box under translation", np.ptp(sizes, axis=0).max(), 0, "m")
 
 
-def test_without_snapping_the_grid_does_move():
+def test_x1_without_snapping_the_grid_does_move():
     # What the tests above would see if snapping did nothing.
     rng = np.random.default_rng(24)
     settings = settings_for(256, 0, snap="none")
@@ -141,8 +154,8 @@ def test_rounding_of_the_range_is_the_only_change_of_texel_size():
 
 
 @pytest.mark.parametrize("depth_format", ["d16", "d24"])
-@pytest.mark.parametrize("extent", [10.0, 1e4])
-def test_decoded_depth_of_static_points_is_constant(depth_format, extent):
+@pytest.mark.parametrize("extent", [10.0, pytest.param(300.0, marks=pytest.mark.slow), 1e4])
+def test_d3_decoded_depth_of_static_points_is_constant(figure, depth_format, extent):
     levels = {"d16": 2**16 - 1, "d24": 2**24 - 1}[depth_format]
     rng = np.random.default_rng(26)
     settings = csm.ShadowSettings(
@@ -152,7 +165,7 @@ def test_decoded_depth_of_static_points_is_constant(depth_format, extent):
     points = rng.uniform(-extent / 20, extent / 20, size=(500, 3))
     camera = turned(rng, near=0.01 * extent, far=extent)
     first = spans = None
-    moved = set()
+    moved, changed, off_steps = set(), 0, 0.0
     for _ in range(200):
         camera = camera.translated(rng.normal(size=3) * extent / 200)
         cascades = csm.fit_cascades(camera, csm.Sun((1, 2, 3)), settings, scene=scene)
@@ -162,7 +175,7 @@ def test_decoded_depth_of_static_points_is_constant(depth_format, extent):
         assert np.array_equal(1 / z_scale, spans)
         # Near is a whole number of steps of 1/255 of the span, each a whole number of quanta.
         near_steps = cascades.depth_range[:, 0] / spans * 255
-        assert np.abs(near_steps - np.round(near_steps)).max() < 1e-9
+        off_steps = max(off_steps, np.abs(near_steps - np.round(near_steps)).max())
         near_quanta = int(np.round(near_steps[1])) * (levels // 255)
         moved.add(near_quanta)
         z = spaces.transform_points(cascades.clip_from_world[1], points)[:, 2] * levels
@@ -174,8 +187,10 @@ def test_decoded_depth_of_static_points_is_constant(depth_format, extent):
             first = decoded
         both = ~np.isnan(first) & ~np.isnan(decoded)
         assert both.mean() > 0.99
-        assert np.array_equal(decoded[both], first[both])
+        changed += np.count_nonzero(decoded[both] != first[both])
     assert len(moved) > 3
+    figure("D3", "near from whole 1/255 of the span", off_steps, 1e-9, "steps")
+    figure("D3", "decoded depths that changed", changed, 0, "points")
 
 
 # -------------------------------------------------------------------------------------------------
