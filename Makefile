@@ -1,8 +1,9 @@
 # make demo, make test: each does all the set-up that is missing, then its job.
-.PHONY: help demo test slow sanitize wheels bench lint format setup setup-dev clean
+.PHONY: help demo test slow hard-cases sanitize wheels bench lint format setup setup-dev clean
 
 PYTHON_VENV := .venv/bin/python
 PYTEST_ARGS ?=
+HARD_CASES_ARGS ?=
 C_FILES = $(shell find csrc -name '*.[ch]')
 # GLFW needs a display; without one, a virtual one is enough.
 DISPLAYED = $(if $(DISPLAY),,$(if $(shell command -v xvfb-run 2>/dev/null),xvfb-run -a))
@@ -11,6 +12,7 @@ help:
 	@echo 'make demo    pictures and numbers of real terrain, in ./demo'
 	@echo 'make test    the test suite; PYTEST_ARGS="-k splits" for a part of it'
 	@echo 'make slow    the long tests as well'
+	@echo 'make hard-cases  worst figures of what is easy to get wrong, in ./hard-cases'
 	@echo 'make sanitize  the tests with address and undefined-behaviour sanitizers'
 	@echo 'make wheels  sdist, wheel from it, fast tests on Python 3.11, 3.12, 3.13'
 	@echo 'make bench   time per pass and the whole job, beside hand-written moderngl'
@@ -30,6 +32,9 @@ test: setup
 
 slow: setup
 	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -m 'slow or not slow' $(PYTEST_ARGS)
+
+hard-cases: setup
+	@$(DISPLAYED) $(PYTHON_VENV) -m csm hard-cases --out hard-cases $(HARD_CASES_ARGS)
 
 sanitize: setup
 	@scripts/sanitize.sh $(PYTEST_ARGS)

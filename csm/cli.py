@@ -4,8 +4,10 @@ import argparse
 import os
 import re
 import sys
+import tempfile
 import time
 from contextlib import contextmanager
+from pathlib import Path
 
 from .arguments import (
     find_camera,
@@ -17,6 +19,7 @@ from .arguments import (
     parse_size,
 )
 from .errors import CsmError
+from .hard_cases import CASES, NO_BACKEND, collect, find_tests, missing, page, table, write_page
 from .metrics import compare, edge_yardstick
 from .progress import Progress
 from .renderer import Renderer, backends
@@ -62,6 +65,14 @@ examples:
 exit status: 0 done, 2 bad input (one sentence on stderr, nothing written), 130 interrupted
 """
 
+HARD_CASES_HELP = """\
+Run the hard-case tests of a checkout, those without OpenGL once and those that draw once per back
+end, and print for every check the worst figure, its tolerance and the number of cases.
+docs/numerics.md 16 says what the cases are.
+
+exit status: 0 all passed, 1 a case failed or did not run, 2 bad input
+"""
+
 
 def main(arguments=None):
     """Run the command.
@@ -74,12 +85,12 @@ def main(arguments=None):
     Returns
     -------
     status : int
-        0 done, 2 bad input, 130 interrupted.
+        0 done, 1 a hard case failed, 2 bad input, 130 interrupted.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
         options = _parser().parse_args(_joined(arguments))
-        options.run(options)
+        return options.run(options) or 0
     except SystemExit as stop:  # argparse: help and version with 0, refusals with 2
         return stop.code
     except KeyboardInterrupt:
@@ -91,7 +102,6 @@ def main(arguments=None):
         sentence = "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
         print(f"csm: {sentence or type(error).__name__}", file=sys.stderr)
         return BAD_INPUT
-    return 0
 
 
 class _Parser(argparse.ArgumentParser):
@@ -110,7 +120,7 @@ def _parser():
         epilog="csm render --help says more. CSM_TRACEBACK=1 shows where a refusal came from.",
     )
     parser.add_argument("--version", action="version", version=f"csm {__version__}")
-    commands = parser.add_subparsers(title="commands", required=True, metavar="render | info")
+    commands = parser.add_subparsers(title="commands", required=True, metavar="COMMAND")
     render = commands.add_parser(
         "render",
         help="draw a scene with its shadows; pictures, arrays, times, errors",
@@ -126,7 +136,29 @@ def _parser():
         description="For each back end: available or why not, OpenGL version, driver, limits.",
     )
     info.set_defaults(run=_info)
+    cases = commands.add_parser(
+        "hard-cases",
+        help="run the tests of what is easy to get wrong; a table and a page of their figures",
+        description=HARD_CASES_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    _add_hard_case_options(cases)
+    cases.set_defaults(run=_hard_cases)
     return parser
+
+
+def _add_hard_case_options(cases):
+    add = cases.add_argument
+    add("--tests", metavar="DIR", help="the tests of a checkout (default: beside the package)")
+    add(
+        "--backend",
+        choices=("egl", "osmesa", "glfw"),
+        action="append",
+        help="draw with this back end; may be repeated (default: every one that opens)",
+    )
+    add("--out", metavar="DIR", help="folder for hard_cases.html and the pictures")
+    add("--slow", action="store_true", help="full ranges of the parameters: an hour, not minutes")
+    add("--quiet", action="store_true", help="no progress on stderr, no table on stdout")
 
 
 def _add_render_options(render):
@@ -255,3 +287,33 @@ def _info(options):
             if key not in ("backend", "programs_compiled", "live_objects"):
                 text = f"{value:,}" if type(value) is int else value
                 print(f"  {key.replace('_', ' '):20}{text}")
+
+
+def _hard_cases(options):
+    """Run the matrix; 1 if anything failed."""
+    from . import __version__
+
+    tests = find_tests(options.tests)
+    names = options.backend or [each["name"] for each in backends() if each["available"]]
+    with tempfile.TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        if options.out is not None:
+            folder = parse_folder(options.out)
+            check_folder(folder)
+        rows, drivers = [], {}
+        for name in dict.fromkeys([NO_BACKEND, *names]):
+            text = "hard cases without OpenGL" if name == NO_BACKEND else f"hard cases on {name}"
+            with Progress(quiet=options.quiet).stage(text):
+                more, driver = collect(tests, folder, backend=name, slow=options.slow)
+            rows += more
+            if driver:
+                drivers[name] = driver
+        rows.sort(key=lambda row: list(CASES).index(row.case))
+        if not options.quiet:
+            print(table(rows))
+        if options.out is not None:
+            text = page(rows, drivers, version=__version__, slow=options.slow)
+            path = write_page(folder, text)
+            if not options.quiet:
+                print(path)
+    return int(not all(row.passed for row in rows) or bool(missing(rows)))

@@ -2,19 +2,35 @@
 
 import json
 import re
+from pathlib import Path
 
 import numpy as np
 import pytest
 import scene_files
+from hard_case_records import Recorder, cases_of
 
 import csm
 from csm.pictures import save_png
 
 _FAILED = pytest.StashKey[bool]()
+_RECORDER = pytest.StashKey[Recorder]()
+_DRIVER = pytest.StashKey[str]()  # who draws, once somebody does
+
+
+def pytest_addoption(parser):
+    parser.addoption(
+        "--hard-cases",
+        metavar="FOLDER",
+        type=Path,
+        help="run only the tests of the hard cases (docs/numerics.md 16) and write their worst "
+        "figures and pictures to FOLDER, for `csm hard-cases`",
+    )
 
 
 def pytest_configure(config):
     """A complaint of the driver fails the test that caused it; so does a renderer left open."""
+    config.addinivalue_line("markers", "rendered: draws with the back end of CSM_BACKEND")
+    config.stash[_RECORDER] = Recorder(config.getoption("--hard-cases"))
     config.addinivalue_line("filterwarnings", "error::csm.GLWarning")
     unclosed = (
         "error:Exception ignored in. .function Renderer:pytest.PytestUnraisableExceptionWarning"
@@ -22,12 +38,30 @@ def pytest_configure(config):
     config.addinivalue_line("filterwarnings", unclosed)
 
 
+@pytest.hookimpl(tryfirst=True)  # before -m looks at the marks
+def pytest_collection_modifyitems(config, items):
+    """Mark what the session's back end draws; keep the hard cases if they are asked for."""
+    for item in items:
+        if {"renderer", "fresh_renderer"} & set(item.fixturenames):
+            item.add_marker("rendered")
+    if config.getoption("--hard-cases"):
+        others = [item for item in items if not cases_of(item.name)]
+        config.hook.pytest_deselected(items=others)
+        items[:] = [item for item in items if cases_of(item.name)]
+
+
 @pytest.hookimpl(wrapper=True)
 def pytest_runtest_makereport(item, call):
     report = yield
     if report.when == "call":
         item.stash[_FAILED] = report.failed
+    if report.when == "call" or report.outcome != "passed":
+        item.config.stash[_RECORDER].outcome(item.nodeid, report.outcome)
     return report
+
+
+def pytest_sessionfinish(session):
+    session.config.stash[_RECORDER].write(session.config.stash.get(_DRIVER, None))
 
 
 # -- renderers -------------------------------------------------------------------------------------
@@ -81,8 +115,10 @@ def _complaints(renderer):
 
 
 @pytest.fixture(scope="session")
-def _shared_renderer():
+def _shared_renderer(pytestconfig):
     with csm.Renderer(debug=True) as renderer:
+        info = renderer.info
+        pytestconfig.stash[_DRIVER] = f"{info['renderer']}, OpenGL {info['version']}"
         yield renderer
 
 
@@ -168,8 +204,6 @@ def evidence(request):
 
 # -- hard cases ------------------------------------------------------------------------------------
 
-FIGURES = pytest.StashKey[list]()
-
 
 @pytest.fixture
 def figure(request):
@@ -177,14 +211,14 @@ def figure(request):
 
     ``figure(case, what, worst, tolerance, unit="", picture=None)`` fails if `worst` exceeds
     `tolerance` or is NaN; `case` is an id of the matrix in docs/numerics.md 16. The hard-case
-    report shows the worst figure of each `what`, with its picture.
+    report shows the worst figure of each `what` with its `picture`, (h, w) or (h, w, 3) uint8 or a
+    function that draws it, called only for a report.
     """
+    recorder = request.config.stash[_RECORDER]
 
     def record(case, what, worst, tolerance, unit="", picture=None):
-        kept = request.config.stash.setdefault(FIGURES, [])
-        kept.append(
-            (case, what, float(worst), float(tolerance), unit, request.node.nodeid, picture)
-        )
+        worst, tolerance = float(worst), float(tolerance)
+        recorder.add(case, what, worst, tolerance, unit, request.node.nodeid, picture)
         assert worst <= tolerance, f"{case} {what}: {worst:g} > {tolerance:g} {unit}"
 
     return record

@@ -179,7 +179,7 @@ ORDER = [
     "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings",
     "splits", "cascades", "plans", "frame", "renderer", "embree", "tracing", "metrics", "checks",
     "sweeps", "reports", "recommendation", "director", "export", "pictures", "plot", "results",
-    "progress", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
+    "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {"embree", "tracing", "metrics", "checks"}  # of arrays, also somebody else's
 LAZY = {
