@@ -243,7 +243,7 @@ def test_no_triangle_is_lost_at_the_end_of_a_chunk(renderer, count):
 # -- planes ----------------------------------------------------------------------------------------
 
 
-def test_triangles_without_area_change_nothing(renderer):
+def test_r1_triangles_without_area_change_nothing(renderer):
     mesh = many_boxes()
     degenerate = np.array([[0, 0, 1], [5, 5, 5], [2, 9, 2]], np.int32)
     line = csm.Mesh(
@@ -311,7 +311,7 @@ def extreme_view(rng):
     return scene, camera, sun, settings
 
 
-def test_scenes_of_any_size_and_place_give_numbers(renderer):
+def test_r1_scenes_of_any_size_and_place_give_numbers(renderer):
     rng = np.random.default_rng(0)
     views = [view for view in (extreme_view(rng) for _ in range(100)) if view]
     assert len(views) > 50

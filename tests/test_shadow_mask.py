@@ -1,5 +1,6 @@
 """Masks against every compare done once more in doubles, and what a pixel is against exact rays."""
 
+import drawings
 import mask_oracle
 import numpy as np
 import pytest
@@ -167,7 +168,7 @@ def test_where_nothing_is_seen(renderer, filter_name):
 
 
 @pytest.mark.parametrize("elevation", [-80.0, -30.0, -1.0])
-def test_a_sun_below_the_horizon_lights_no_ground(renderer, elevation):
+def test_r1_a_sun_below_the_horizon_lights_no_ground(renderer, elevation):
     scene, camera = csm.scenes.plane_and_box(), small_scenes.camera(2)
     sun = csm.Sun.from_angles(30.0, elevation)
     frame = renderer.render(scene, camera, sun, BASE, outputs=OUTPUTS)
@@ -195,8 +196,10 @@ def test_surfaces_have_two_sides(renderer):
 
 @pytest.mark.parametrize("filter_size", [1, 7])
 @pytest.mark.parametrize("fit", ["sphere", "box", "diameter", "scene"])
-def test_map_selection_is_never_coarser_than_interval_selection(renderer, fit, filter_size):
-    finer = 0
+def test_c2_map_selection_is_never_coarser_than_interval_selection(
+    figure, renderer, fit, filter_size
+):
+    finer = coarser = out_of_range = 0
     for number in range(4):
         scene = small_scenes.SCENES["stairs"]()
         settings = BASE.replace(fit=fit, filter="pcf", filter_size=filter_size)
@@ -204,14 +207,22 @@ def test_map_selection_is_never_coarser_than_interval_selection(renderer, fit, f
         camera = small_scenes.camera(number)
         by_map = frame_of(renderer, scene, camera, sun, settings)
         by_interval = frame_of(renderer, scene, camera, sun, settings.replace(select="interval"))
-        assert (by_map.cascade_index[by_map.valid] < settings.cascade_count).all()
-        assert (by_map.cascade_index <= by_interval.cascade_index).all()
+        for frame in (by_map, by_interval):
+            beyond = frame.cascade_index[frame.valid] >= settings.cascade_count
+            out_of_range += np.count_nonzero(beyond)
+        coarser += np.count_nonzero(by_map.cascade_index > by_interval.cascade_index)
         finer += np.count_nonzero(by_map.cascade_index < by_interval.cascade_index)
     assert finer > 1000
+    indices = by_interval.cascade_index / 4.0, by_map.cascade_index / 4.0
+    figure(
+        "C2", "index by map above that by interval", coarser, 0, "pixels",
+        picture=lambda: drawings.compared(*indices),
+    )  # fmt: skip
+    figure("C2", "index of no cascade inside the range", out_of_range, 0, "pixels")
 
 
 @pytest.mark.parametrize("ulps", [-1, 0, 1])
-def test_a_depth_exactly_on_a_split_belongs_to_the_nearer_slice(renderer, ulps):
+def test_c2_a_depth_exactly_on_a_split_belongs_to_the_nearer_slice(figure, renderer, ulps):
     # A wall at view depth 8, exactly so in float32; the split one step before, on, or after it.
     split = np.float32(8.0)
     for _ in range(abs(ulps)):
@@ -225,12 +236,13 @@ def test_a_depth_exactly_on_a_split_belongs_to_the_nearer_slice(renderer, ulps):
     )  # fmt: skip
     frame = frame_of(renderer, scene, camera, (0.1, 0.2, 1.0), settings)
     assert (frame.view_depth == 8.0).all()
-    assert (frame.cascade_index == (1 if ulps < 0 else 0)).all()
+    wrong = np.count_nonzero(frame.cascade_index != (1 if ulps < 0 else 0))
+    figure("C2", "index on a split and one ulp beside", wrong, 0, "pixels")
     assert (frame.mask == 1.0).all()
 
 
 @pytest.mark.parametrize("select", ["map", "interval"])
-def test_the_end_of_the_range_is_inside(renderer, select):
+def test_c2_the_end_of_the_range_is_inside(figure, renderer, select):
     # view_range="scene" ends where the scene ends: its last pixel still has a cascade.
     for number in range(4):
         scene = small_scenes.copies()
@@ -238,7 +250,8 @@ def test_the_end_of_the_range_is_inside(renderer, select):
         camera = small_scenes.camera(number, far=1000.0)
         frame = frame_of(renderer, scene, camera, (0.4, 1, 0.3), settings)
         assert frame.cascades.splits[-1] < 100.0
-        assert (frame.cascade_index[frame.valid] < 4).all()
+        lost = np.count_nonzero(frame.cascade_index[frame.valid] >= 4)
+        figure("C2", "pixels without a cascade at the end of the range", lost, 0, "pixels")
 
 
 @pytest.mark.parametrize("offset", [0.0, 1.0, 3.0])
@@ -347,7 +360,7 @@ def test_view_depth_far_from_the_world_origin(renderer, distance):
     np.testing.assert_allclose(here.view_depth[on_ground], expected[on_ground], rtol=1e-5)
 
 
-def test_triangles_across_the_eye_and_the_near_plane(renderer):
+def test_r1_triangles_across_the_eye_and_the_near_plane(renderer):
     # One triangle from behind the eye to the horizon.
     scene = csm.Scene.from_arrays([[-1e3, 0, 1e3], [1e3, 0, 1e3], [0, 0, -3e3]], [[0, 1, 2]])
     camera = csm.Camera.look_at((0, 2, 0), (0, 0, -10), near=0.1, far=5e3, size=small_scenes.SIZE)
@@ -372,7 +385,7 @@ def test_triangles_across_the_eye_and_the_near_plane(renderer):
     ],
     ids=["point", "line", "sliver"],
 )
-def test_triangles_without_area(renderer, corners):
+def test_r1_triangles_without_area(renderer, corners):
     ground, triangles = shapes.ground(5.0)
     positions = np.concatenate([ground, np.add(corners, [0.0, 1.0, 0.0])])
     scene = csm.Scene.from_arrays(positions, np.concatenate([triangles, [[4, 5, 6]]]))
@@ -382,7 +395,7 @@ def test_triangles_without_area(renderer, corners):
     assert (frame.mask[ground_pixels] == 1.0).mean() > 0.999
 
 
-def test_a_stack_of_equal_triangles_is_one(renderer):
+def test_r1_a_stack_of_equal_triangles_is_one(renderer):
     scene = csm.scenes.plane_and_box()
     positions, triangles = scene.flatten()
     scene = csm.Scene.from_arrays(positions, triangles)
