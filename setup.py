@@ -12,7 +12,10 @@ from setuptools import Extension, setup
 from setuptools.command.build_ext import build_ext
 
 # In the order of the data, from values to pictures to Python.
-CORE = "status effects scene splits frustum light_basis snap cascades cull plan shader_source"
+CORE = (
+    "status effects scene splits frustum view_range light_basis receivers fits snap depth_range"
+    " cascades cull plan shader_source"
+)
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
     " uniforms pass_view pass_shadow_map pass_shadow_mask renderer"

@@ -58,6 +58,7 @@ class _Cascades(TypedDict):
     depth_range: NDArray[np.float64]  # (n, 2) [m]
     map_size: NDArray[np.intc]  # (n,)
     range_step: int | None
+    hold: bytes  # what a later fit takes as held
 
 class _RendererInfo(TypedDict):
     backend: str
@@ -129,7 +130,9 @@ def fit_cascades(
     to_light: ArrayLike,
     settings: Any,
     scene_bounds: ArrayLike | None = None,
-    held_step: int | None = None,
+    held: bytes | None = None,
+    receivers: ArrayLike | None = None,
+    boxes: ArrayLike | None = None,
 ) -> _Cascades: ...
 def cull_boxes(
     camera: _Camera,
@@ -180,7 +183,7 @@ class Renderer:
         to_light: ArrayLike,
         settings: Any,
         scene_bounds: ArrayLike | None,
-        held_step: int | None,
+        held: bytes | None,
         outputs: int,
         arrays: dict[str, NDArray[Any]],
         points: ArrayLike | None,

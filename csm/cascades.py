@@ -47,8 +47,10 @@ class Cascades:
     map_size : (n,) int32
         Texels along a side.
     range_step : int or None
-        k where the view range was rounded up to ``near * 2**(k / 4)``, else None. Given back as
-        `held_step` for the next frame it keeps the range from flickering between two steps.
+        k where the view range was rounded up to ``near * 2**(k / 4)``, else None.
+    hold : bytes
+        What the next frame's fit holds on to (`fit_cascades` with ``held=``): steps of ranges and
+        sizes, axes carried on. Opaque; empty where nothing is held.
 
     Notes
     -----
@@ -67,6 +69,7 @@ class Cascades:
     depth_range: np.ndarray
     map_size: np.ndarray
     range_step: int | None = None
+    hold: bytes = b""
 
     def __post_init__(self):
         self._freeze()
@@ -91,7 +94,7 @@ class Cascades:
         return f"Cascades(count={self.count}, splits=[{splits}] m)"
 
 
-def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held_step=None):
+def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held=None):
     """Light windows for the slices of a camera's view; needs no OpenGL.
 
     Parameters
@@ -104,10 +107,11 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held_step
         then does not depend on the camera. Without it the range is the camera's, and the depth
         range holds each slice and as much again towards the light.
     receivers : (m, 3) array_like, optional
-        World points [m]. Only fits to visible receivers read them; `sphere`, `box`, `diameter`
-        and `scene` do not.
-    held_step : int, optional
-        `range_step` of the frame before: kept while at most one step too far.
+        World points [m] of what the camera sees, facing the sun: what ``fit="visible"`` and
+        ``split="sdsm"`` and ``"histogram"`` are fitted to. Others do not read them.
+    held : Cascades, optional
+        Of the frame before: steps of ranges and sizes are kept while they still fit, so that they
+        do not flicker.
 
     Returns
     -------
@@ -128,8 +132,8 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held_step
     check_kinds(camera=camera, sun=sun, settings=settings)
     if scene is not None and not hasattr(scene, "bounds"):  # all that is read of it
         check_kinds(scene=scene)
-    if held_step is not None and not isinstance(held_step, int | np.integer):
-        raise TypeError(f"held_step must be a whole number or None (got {held_step!r})")
+    if held is not None and not isinstance(held, Cascades):
+        raise TypeError(f"held must be a csm.Cascades or None (got {held!r})")
     if receivers is not None:
         receivers = np.asarray(receivers)
         if receivers.ndim != 2 or receivers.shape[1] != 3 or receivers.dtype.kind not in "fiu":
@@ -142,6 +146,7 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held_step
         sun.to_light,
         settings,
         scene_bounds=None if scene is None else scene.bounds.ravel(),
-        held_step=held_step,
+        held=(held.hold or None) if held is not None else None,
+        receivers=receivers,
     )
     return Cascades(**fitted)

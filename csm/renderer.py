@@ -237,7 +237,7 @@ class Renderer:
                     sun.to_light,
                     settings,
                     scene.bounds.ravel(),
-                    self._held_step(scene, camera),
+                    self._held(scene, camera),
                     bits,
                     {"mask": arrays["mask_single"], **arrays}
                     if "mask_single" in arrays
@@ -253,7 +253,7 @@ class Renderer:
             finally:
                 self._tell_messages(core)
             cascades = Cascades(**result["cascades"])
-            self._walk.held = (weakref.ref(scene), camera, cascades.range_step, cascades.splits[-1])
+            self._walk.held = (weakref.ref(scene), camera, cascades)
         if "mask_single" in arrays and "mask" in arrays:
             arrays["mask_single"][...] = arrays["mask"]
         return Frame(
@@ -322,17 +322,17 @@ class Renderer:
             core.drop(self._dropped[-1])
             self._dropped.pop()
 
-    def _held_step(self, scene, camera):
+    def _held(self, scene, camera):
         # of this thread: what others render in between must not show in its frames
         held = getattr(self._walk, "held", None)
         if held is None:
             return None
-        reference, last, step, view_range = held
+        reference, last, cascades = held
         same = reference() is scene and last.near == camera.near and last.size == camera.size
         moved = np.linalg.norm(camera.eye - last.eye)
         turned = float(camera.backward @ last.backward)
-        near_enough = moved <= HELD_STEP_SHARE * view_range and turned >= HELD_TURN_COSINE
-        return step if same and near_enough else None
+        near_enough = moved <= HELD_STEP_SHARE * cascades.splits[-1] and turned >= HELD_TURN_COSINE
+        return cascades.hold if same and near_enough else None
 
     def _tell_messages(self, core):
         for number, severity, text in core.messages():

@@ -25,23 +25,51 @@ class ShadowSettings:
     map_size : int or tuple of int
         Texels along a side of a shadow map, for all cascades or one per cascade. For now sizes per
         cascade must be equal, as the maps are layers of one array; a plan refuses others.
-    split : {"practical", "uniform", "logarithmic", "manual"}
+    split : {"practical", "uniform", "logarithmic", "manual", "resolution", "sdsm", "percentages", \
+"histogram"}
         How the view range is cut [Zhang2006]_.
     lam : float
-        Weight of the logarithmic scheme in ``"practical"``, 0 to 1.
+        Weight of the logarithmic scheme in ``"practical"`` and ``"sdsm"``, 0 to 1.
     manual_splits : tuple of float
-        The ``cascade_count - 1`` inner view depths [m] of ``split="manual"``, ascending.
+        The ``cascade_count - 1`` inner view depths [m] of ``split="manual"``, or percents of the
+        view range of ``"percentages"``, ascending.
+    first_split : float
+        View depth [m] where the first cascade ends; 0: where the scheme has it.
+    max_distance : float
+        Farthest view depth [m] that has shadows; 0: the camera's far.
     view_range : {"scene", "camera"}
         ``"scene"`` cuts far to the scene's bounds, rounded up to ``near * 2**(k / 4)`` so that
         texel sizes stay constant while the camera moves.
-    fit : {"sphere", "box", "diameter", "scene"}
+    fit : {"sphere", "box", "diameter", "scene", "shifted", "visible", "clipped", "focus"}
         How a light window is fitted to its slice of the view.
-    snap : {"exact", "none"}
+    turned : bool
+        Windows of ``fit="visible"`` turned to the rectangle of smallest area.
+    light_basis : {"orthonormal", "world", "transported"}
+        Axes of light space: from the sun's direction alone, skewed along the world's axes, or
+        carried on from the frame before.
+    sun_step_deg : float
+        The maps' sun moves in steps of this [degrees], 0 to 90; 0: with the sun.
+    snap : {"exact", "none", "approximate"}
         ``"exact"`` puts windows on a texel lattice fixed in the world.
-    select : {"map", "interval"}
-        The first map that holds the point, or the cascade whose view depths hold it.
-    cull : {"inclusive", "none"}
+    level_spacing : {"linear", "geometric"}
+        How the window sizes of ``snap="approximate"`` are spaced.
+    level_count : int
+        Number of those sizes, 1 to 4096.
+    level_hysteresis : int
+        Levels by which a held size may be too large, 0 to 16.
+    warp : {"none", "lispsm", "psm", "tsm"}
+        Perspective warp of the light windows.
+    select : {"map", "interval", "frustum"}
+        The first map that holds the point with its kernel, the cascade whose view depths hold it,
+        or the first light frustum that holds the point itself.
+    texcoord : {"position", "interpolated"}
+        Light coordinates from the receiver's position, or interpolated from its vertices.
+    cull : {"inclusive", "none", "exclusive"}
         Draw only casters that can reach what the camera sees. Changes no mask.
+    depth_range : {"scene", "window", "manual"}
+        Near and far of the maps: of the whole scene, of its part over the window, or given.
+    manual_depth_range : tuple of float
+        Light-view depths [m] of clip z 0 and 1 under ``depth_range="manual"``.
     pancake : bool
         Depth range of the slice alone; casters before it are flattened onto its near plane.
     depth_format : {"d32f", "d24", "d16"}
@@ -85,11 +113,23 @@ class ShadowSettings:
     split: str = "practical"
     lam: float = 0.5
     manual_splits: tuple[float, ...] = ()
+    first_split: float = 0.0
+    max_distance: float = 0.0
     view_range: str = "scene"
     fit: str = "sphere"
+    turned: bool = False
+    light_basis: str = "orthonormal"
+    sun_step_deg: float = 0.0
     snap: str = "exact"
+    level_spacing: str = "linear"
+    level_count: int = 64
+    level_hysteresis: int = 0
+    warp: str = "none"
     select: str = "map"
+    texcoord: str = "position"
     cull: str = "inclusive"
+    depth_range: str = "scene"
+    manual_depth_range: tuple[float, ...] = ()
     pancake: bool = False
     depth_format: str = "d32f"
     filter: str = "hard"
@@ -106,8 +146,8 @@ class ShadowSettings:
             value = getattr(self, field.name)
             if field.name == "map_size":
                 put("map_size", _map_size(value, self.cascade_count))
-            elif field.name == "manual_splits":
-                put("manual_splits", _manual_splits(value))
+            elif field.name in ("manual_splits", "manual_depth_range"):
+                put(field.name, _depths(field.name, value))
             elif field.type is float:
                 put(field.name, _number(field.name, value))
             elif field.type is int:
@@ -118,10 +158,16 @@ class ShadowSettings:
                 put(field.name, bool(value))
             elif not isinstance(value, str):
                 raise TypeError(f"{field.name} must be a string (got {value!r})")
-        if self.split == "manual" and len(self.manual_splits) != self.cascade_count - 1:
+        by_hand = {"manual": "inner view depths [m]", "percentages": "percents of the view range"}
+        if self.split in by_hand and len(self.manual_splits) != self.cascade_count - 1:
             raise ValueError(
-                f"manual_splits must be the {self.cascade_count - 1} inner view depths [m] of "
+                f"manual_splits must be the {self.cascade_count - 1} {by_hand[self.split]} of "
                 f"{self.cascade_count} cascades (got {len(self.manual_splits)})"
+            )
+        if self.depth_range == "manual" and len(self.manual_depth_range) != 2:
+            raise ValueError(
+                "manual_depth_range must be (near, far), light-view depths [m] "
+                f"(got {self.manual_depth_range})"
             )
         _core.validate_settings(self)
 
@@ -201,10 +247,10 @@ def _whole(name, value):
     return number
 
 
-def _manual_splits(value):
+def _depths(name, value):
     if isinstance(value, str | bytes) or not np.iterable(value):
-        raise TypeError(f"manual_splits must be a sequence of view depths [m] (got {value!r})")
-    return tuple(_number("manual_splits", item) for item in value)
+        raise TypeError(f"{name} must be a sequence of depths [m] (got {value!r})")
+    return tuple(_number(name, item) for item in value)
 
 
 def _map_size(value, cascade_count):

@@ -105,12 +105,35 @@ typedef struct csm_effect_info {
 const csm_effect_info *csm_effect_describe(int effect);
 
 /* Values of the enums of the table, in the order of its choices. */
-enum { CSM_SPLIT_PRACTICAL, CSM_SPLIT_UNIFORM, CSM_SPLIT_LOGARITHMIC, CSM_SPLIT_MANUAL };
+enum {
+    CSM_SPLIT_PRACTICAL,
+    CSM_SPLIT_UNIFORM,
+    CSM_SPLIT_LOGARITHMIC,
+    CSM_SPLIT_MANUAL,
+    CSM_SPLIT_RESOLUTION,
+    CSM_SPLIT_SDSM,
+    CSM_SPLIT_PERCENTAGES,
+    CSM_SPLIT_HISTOGRAM
+};
 enum { CSM_VIEW_RANGE_SCENE, CSM_VIEW_RANGE_CAMERA };
-enum { CSM_FIT_SPHERE, CSM_FIT_BOX, CSM_FIT_DIAMETER, CSM_FIT_SCENE };
-enum { CSM_SNAP_EXACT, CSM_SNAP_NONE };
-enum { CSM_SELECT_MAP, CSM_SELECT_INTERVAL };
-enum { CSM_CULL_INCLUSIVE, CSM_CULL_NONE };
+enum {
+    CSM_FIT_SPHERE,
+    CSM_FIT_BOX,
+    CSM_FIT_DIAMETER,
+    CSM_FIT_SCENE,
+    CSM_FIT_SHIFTED,
+    CSM_FIT_VISIBLE,
+    CSM_FIT_CLIPPED,
+    CSM_FIT_FOCUS
+};
+enum { CSM_LIGHT_BASIS_ORTHONORMAL, CSM_LIGHT_BASIS_WORLD, CSM_LIGHT_BASIS_TRANSPORTED };
+enum { CSM_SNAP_EXACT, CSM_SNAP_NONE, CSM_SNAP_APPROXIMATE };
+enum { CSM_LEVELS_LINEAR, CSM_LEVELS_GEOMETRIC };
+enum { CSM_WARP_NONE, CSM_WARP_LISPSM, CSM_WARP_PSM, CSM_WARP_TSM };
+enum { CSM_SELECT_MAP, CSM_SELECT_INTERVAL, CSM_SELECT_FRUSTUM };
+enum { CSM_TEXCOORD_POSITION, CSM_TEXCOORD_INTERPOLATED };
+enum { CSM_CULL_INCLUSIVE, CSM_CULL_NONE, CSM_CULL_EXCLUSIVE };
+enum { CSM_DEPTH_RANGE_SCENE, CSM_DEPTH_RANGE_WINDOW, CSM_DEPTH_RANGE_MANUAL };
 enum { CSM_DEPTH_D32F, CSM_DEPTH_D24, CSM_DEPTH_D16 };
 enum { CSM_FILTER_HARD, CSM_FILTER_NONE, CSM_FILTER_PCF };
 enum { CSM_BIAS_AUTO, CSM_BIAS_MANUAL };
@@ -119,7 +142,13 @@ typedef struct csm_settings {
     int effects[CSM_EFFECT_COUNT];
     int map_size[CSM_MAX_CASCADES];         /* texels along a side, one per cascade */
     double lam;                             /* weight of the logarithmic scheme, 0 to 1 */
-    double manual_splits[CSM_MAX_CASCADES]; /* the count - 1 inner distances [m], ascending */
+    double manual_splits[CSM_MAX_CASCADES]; /* the count - 1 inner distances [m], or percents of
+                                               the view range, ascending */
+    double first_split;                     /* view depth [m] where the first cascade ends; 0:
+                                               as the scheme has it */
+    double max_distance;                    /* farthest view depth with shadows [m]; 0: far */
+    double manual_depth_range[2];           /* light-view depths [m] of z = 0 and z = 1 */
+    double sun_step_deg;                    /* the sun moves in steps of this; 0: freely */
     double constant_bias_texels;            /* depth bias along the light, in texels; >= 0 or < 0 */
     double slope_bias;                      /* factor of texel * (|gx| + |gy|) */
     double normal_offset_texels;            /* receiver offset along its normal */
@@ -135,6 +164,9 @@ csm_status csm_settings_validate(const csm_settings *settings, csm_error *err);
  * filter_size unless pcf, lam unless practical, biases under auto, everything of the maps under
  * filter "none". settings must be valid. */
 void csm_settings_canonical(csm_settings *settings);
+
+/* The part of it that concerns where cascades lie and what they draw. */
+void csm_settings_canonical_placement(csm_settings *settings);
 
 /* Kernel radius in texels that a fit must keep free around a window: 0 for hard. */
 int csm_settings_kernel_radius(const csm_settings *settings);
@@ -185,6 +217,8 @@ typedef struct csm_camera {
     double right[3], up[3], backward[3]; /* orthonormal, right-handed; looks along -backward */
     double half_width, half_height;      /* perspective: tangents of the half fields of view;
                                             orthographic: half extents [m] */
+    double centre[2];                    /* of the picture, right and up of the view axis, in the
+                                            units of half_width: not 0 for off-centre frusta */
     double near_depth, far_depth;        /* view depths [m] */
     int width, height;                   /* pixels */
     bool orthographic;
@@ -259,12 +293,46 @@ csm_status csm_snap_window(const csm_window *window, int map_size, int padding_t
                            double out_corner[2], double out_texel_size[2], int64_t out_lattice[2],
                            csm_error *err);
 
+/* What one frame hands to the next so that its choices do not flicker. INT_MIN: nothing held. */
+typedef struct csm_hold {
+    int range_step;                       /* k of view_range = scene */
+    int near_step, far_step;              /* of a range taken from receivers */
+    int window_step[CSM_MAX_CASCADES][2]; /* sizes of windows round visible receivers */
+    int level[CSM_MAX_CASCADES][2];       /* of approximate snapping */
+    bool transported;                     /* light_from_world holds the basis of the frame before */
+    double light_from_world[16];
+} csm_hold;
+
+/* Nothing held. */
+csm_hold csm_hold_none(void);
+
+#define CSM_DEPTH_BINS 256
+
+/* Visible surfaces that face the sun: as world points, or, summed up by a pass over the pixels, as
+ * depths and light-space boxes. */
+typedef struct csm_receivers {
+    const double *points; /* point_count x 3, world; NULL if summed up */
+    size_t point_count;
+    bool seen;                       /* summed up: there are any */
+    double depth_range[2];           /* least and largest view depth [m] */
+    const uint32_t *depth_histogram; /* CSM_DEPTH_BINS over the camera's range: uniform in log
+                                        depth, or in depth where near is not positive; NULL:
+                                        not counted */
+    const float *boxes;              /* box_count x cascades x 4: min x, y, max x, y in light
+                                        space relative to box_origin; empty where min > max */
+    size_t box_count;
+    double box_origin[3]; /* world */
+} csm_receivers;
+
 typedef struct csm_cascades_desc {
     csm_camera camera;
     double to_light[3];
     const csm_settings *settings;
     const double *scene_bounds; /* {min x y z, max x y z} of casters and receivers, or NULL */
-    int held_range_step;        /* of the frame before, or INT_MIN */
+    const double *boxes;        /* box_count x 6: bounds of the scene's parts, or NULL */
+    size_t box_count;
+    const csm_receivers *receivers; /* what is seen, or NULL */
+    const csm_hold *held;           /* of the frame before, or NULL */
 } csm_cascades_desc;
 
 typedef struct csm_cascades {
@@ -282,7 +350,12 @@ typedef struct csm_cascades {
     double depth_range[CSM_MAX_CASCADES][2]; /* light-view depths of z = 0 and z = 1 [m] */
     bool bounded;                            /* bounds are those of the scene, as given */
     double bounds[6];
+    csm_hold hold; /* for the next frame */
 } csm_cascades;
+
+/* The first half of a fit: checks desc, fills count, splits, range_step, the hold of both, and the
+ * light_from_world that windows start from. */
+csm_status csm_cascades_place(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
 
 /* Fits every cascade. Without scene_bounds, view_range and depth range come from the camera alone:
  * the depth range then holds the slice and as much again towards the light. */
@@ -515,7 +588,8 @@ typedef struct csm_render_desc {
     csm_camera camera;
     double to_light[3];
     csm_settings settings;
-    const csm_cascades *cascades; /* as fitted; unused under filter "none" */
+    const double *scene_bounds; /* as csm_cascades_desc */
+    const csm_hold *held;
     unsigned outputs;
     const double *points;        /* point_count x 3 world, or NULL */
     const double *point_normals; /* point_count x 3, of unit length, or NULL: unknown */
@@ -537,6 +611,7 @@ typedef struct csm_render_out {
     float *point_visibility;
     uint8_t *point_cascade;
     /* filled in */
+    csm_cascades cascades;
     int timing_count;
     const char *timing_names[CSM_MAX_TIMINGS];
     double timing_ms[CSM_MAX_TIMINGS];

@@ -8,5 +8,5 @@ void main()
 {
     vec3 position_ls = light_position(origin_from_local(instance, position));
     vec4 clip = frame.clip[cascade];
-    gl_Position = vec4(position_ls.xy * clip.xy + clip.zw, map_depth(position_ls.z, cascade), 1.0);
+    gl_Position = vec4(turned(position_ls.xy, cascade) * clip.xy + clip.zw, map_depth(position_ls.z, cascade), 1.0);
 }

@@ -46,7 +46,8 @@ receiver receiver_at(ivec2 pixel, out bool seen)
     seen = ids.x != nothing;
     vec4 plane = origin_plane(seen ? ids.y : 0u, texelFetch(planes, seen ? int(ids.x) : 0));
     vec2 ndc = (vec2(pixel) + 0.5) / vec2(frame.image.xy) * 2.0 - 1.0;
-    vec3 side = ndc.x * frame.view.x * frame.right.xyz + ndc.y * frame.view.y * frame.up.xyz;
+    vec2 at = frame.view_centre.xy + ndc * frame.view.xy;
+    vec3 side = at.x * frame.right.xyz + at.y * frame.up.xyz;
     bool orthographic = frame.right.w > 0.0;
     vec3 start = orthographic ? side : vec3(0.0);
     vec3 direction = orthographic ? -frame.backward.xyz : side - frame.backward.xyz;

@@ -197,10 +197,12 @@ def test_view_range_is_cut_to_the_scene_and_rounded_up(street):
     assert far == 0.1 * 2.0 ** (cascades.range_step / 4)
     assert 105 <= far < 105 * 1.001 * 2**0.25
     np.testing.assert_array_equal(cascades.splits, csm.split_distances(0.1, far, 4))
+    farther = camera.translated((0, 0, 0.2 * far))
+    before = csm.fit_cascades(farther, csm.Sun((0, 1, 1)), csm.ShadowSettings(), scene=street)
+    assert before.range_step == cascades.range_step + 1
     held = csm.fit_cascades(
-        camera, csm.Sun((0, 1, 1)), csm.ShadowSettings(), scene=street,
-        held_step=cascades.range_step + 1,
-    )  # fmt: skip
+        camera, csm.Sun((0, 1, 1)), csm.ShadowSettings(), scene=street, held=before
+    )
     assert held.range_step == cascades.range_step + 1
     assert held.splits[-1] == 0.1 * 2.0 ** (held.range_step / 4)
 

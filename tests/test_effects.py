@@ -23,6 +23,14 @@ NEEDS = {
     "filter_size": {"filter": "pcf"},
     "receiver_plane": {"bias": "manual"},
     "normal_offset_texels": {"bias": "manual"},
+    "turned": {"fit": "visible"},
+    "level_spacing": {"snap": "approximate"},
+    "level_count": {"snap": "approximate"},
+    "level_hysteresis": {"snap": "approximate"},
+    ("select", "frustum"): {"filter": "pcf"},
+    ("split", "manual"): {"manual_splits": (2.0, 5.0, 9.0)},
+    ("split", "percentages"): {"manual_splits": (2.0, 15.0, 40.0)},
+    ("depth_range", "manual"): {"manual_depth_range": (-50.0, 50.0)},
 }
 SMALL = csm.ShadowSettings(map_size=128)
 
@@ -35,14 +43,17 @@ def values_of(row):
         return [False, True]
     if row["name"] == "filter_size":
         return [1, 2, 3, 5, row["max"]]
+    if row["name"] == "level_count":
+        return [1, 64, row["max"]]
     return list(range(row["min"], row["max"] + 1))
 
 
 def settings_with(name, value):
     """Small settings in which one value has its meaning."""
-    count = SMALL.cascade_count
-    splits = {"manual_splits": (2.0, 5.0, 9.0)[: count - 1]} if value == "manual" else {}
-    return SMALL.replace(**NEEDS.get(name, {}), **splits, **{name: value})
+    needs = {**NEEDS.get(name, {}), **NEEDS.get((name, value), {}), name: value}
+    if name == "cascade_count" and value == 1:
+        needs["manual_splits"] = ()
+    return SMALL.replace(**needs)
 
 
 SINGLES = [
@@ -99,7 +110,8 @@ def test_effect_recompiles_only_the_passes_that_see_it(name):
     for value in values_of(row):
         changed |= different(base, keys(settings_with(name, value)))
     # bias is resolved on the CPU into receiver_plane, which the mask sees
-    resolved = {"shadow_mask"} if name == "bias" else set()
+    # and a skewed basis into an effect of its own
+    resolved = {"shadow_mask"} if name in ("bias", "light_basis") else set()
     assert changed == seeing | resolved
 
 

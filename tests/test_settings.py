@@ -25,6 +25,8 @@ PUBLIC_DEFAULTS = {
     "fit": "sphere",
     "snap": "exact",
     "select": "map",
+    "light_basis": "orthonormal",
+    "warp": "none",
     "cull": "inclusive",
     "depth_format": "d32f",
     "filter": "hard",
@@ -34,6 +36,16 @@ PUBLIC_DEFAULTS = {
 # Values that mean "nothing added": a default never changes the picture of a setting not named.
 OFF = {
     "manual_splits": (),
+    "first_split": 0.0,
+    "max_distance": 0.0,
+    "turned": False,
+    "sun_step_deg": 0.0,
+    "level_spacing": "linear",
+    "level_count": 64,
+    "level_hysteresis": 0,
+    "texcoord": "position",
+    "depth_range": "scene",
+    "manual_depth_range": (),
     "pancake": False,
     "constant_bias_texels": 0.0,
     "slope_bias": 0.0,
@@ -93,7 +105,10 @@ def test_field_is_documented(name):
 def test_every_value_of_an_effect_is_taken_and_others_are_not(name):
     row = TABLE[name]
     if row["type"] == "enum":
-        extra = {"cascade_count": 2, "manual_splits": (3.0,)} if name == "split" else {}
+        extra = {
+            "split": {"cascade_count": 2, "manual_splits": (3.0,)},
+            "depth_range": {"manual_depth_range": (-2.0, 5.0)},
+        }.get(name, {})
         for choice in row["choices"].split():
             changed = csm.ShadowSettings(**extra).replace(**{name: choice})
             assert getattr(changed, name) == choice
@@ -213,6 +228,13 @@ any_settings = st.builds(
     constant_bias_texels=number,
     slope_bias=number,
     normal_offset_texels=number,
+    manual_depth_range=st.just((-3.0, 4.0)),
+    first_split=st.sampled_from((0.0, 4.0)),
+    max_distance=st.sampled_from((0.0, 50.0)),
+    sun_step_deg=st.sampled_from((0.0, 0.5)),
+    turned=st.booleans(),
+    level_count=st.integers(1, 4096),
+    level_hysteresis=st.integers(0, 16),
     pancake=st.booleans(),
     receiver_plane=st.booleans(),
     **{

@@ -141,10 +141,10 @@ def test_rounding_of_the_range_is_the_only_change_of_texel_size():
     sun, settings = csm.Sun((1, 2, 3)), csm.ShadowSettings()
     for _ in range(300):
         camera = turned(rng, near=0.1, far=2000, eye=rng.uniform(-200, 200, 3) * [1, 0, 1] + 3)
-        cascades = csm.fit_cascades(camera, sun, settings, scene=scene, held_step=held)
-        held = cascades.range_step
+        cascades = csm.fit_cascades(camera, sun, settings, scene=scene, held=held)
+        held = cascades
         sizes.append(tuple(cascades.texel_size[:, 0]))
-        steps.append(held)
+        steps.append(held.range_step)
     assert len(set(steps)) > 3
     assert len(set(sizes)) == len(set(steps))
 

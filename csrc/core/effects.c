@@ -40,14 +40,31 @@ static void check_number(csm_error *err, const char *name, double value, double 
 }
 
 static void check_manual_splits(const csm_settings *settings, int count, csm_error *err) {
+    const bool percents = settings->effects[CSM_EFFECT_SPLIT] == CSM_SPLIT_PERCENTAGES;
+    double before = percents ? 0.0 : -INFINITY;
     for (int i = 0; i < count - 1; i++) {
         double here = settings->manual_splits[i];
-        if (!isfinite(here) || (i > 0 && !(here > settings->manual_splits[i - 1]))) {
-            csm_fail_more(err,
-                          "manual_splits must be %d ascending view depths [m] (number %d is %g)",
-                          count - 1, i + 1, here);
+        if (!isfinite(here) || !(here > before) || (percents && !(here < 100.0))) {
+            csm_fail_more(err, "manual_splits must be %d ascending %s (number %d is %g)", count - 1,
+                          percents ? "percents between 0 and 100" : "view depths [m]", i + 1, here);
             return;
         }
+        before = here;
+    }
+}
+
+static bool splits_by_hand(const csm_settings *settings) {
+    const int split = settings->effects[CSM_EFFECT_SPLIT];
+    return split == CSM_SPLIT_MANUAL || split == CSM_SPLIT_PERCENTAGES;
+}
+
+static void check_depth_range(const csm_settings *settings, csm_error *err) {
+    const double *range = settings->manual_depth_range;
+    if (settings->effects[CSM_EFFECT_DEPTH_RANGE] == CSM_DEPTH_RANGE_MANUAL &&
+        !(isfinite(range[0]) && isfinite(range[1]) && range[0] < range[1])) {
+        csm_fail_more(err,
+                      "manual_depth_range must be two ascending light-view depths [m] (got %g, %g)",
+                      range[0], range[1]);
     }
 }
 
@@ -77,8 +94,11 @@ csm_status csm_settings_validate(const csm_settings *settings, csm_error *err) {
     check_number(&problems, "constant_bias_texels", settings->constant_bias_texels, -1e6, 1e6);
     check_number(&problems, "slope_bias", settings->slope_bias, -1e6, 1e6);
     check_number(&problems, "normal_offset_texels", settings->normal_offset_texels, -1e6, 1e6);
-    if (settings->effects[CSM_EFFECT_SPLIT] == CSM_SPLIT_MANUAL && count >= 1 &&
-        count <= CSM_MAX_CASCADES) {
+    check_number(&problems, "first_split", settings->first_split, 0.0, 1e12);
+    check_number(&problems, "max_distance", settings->max_distance, 0.0, 1e12);
+    check_number(&problems, "sun_step_deg", settings->sun_step_deg, 0.0, 90.0);
+    check_depth_range(settings, &problems);
+    if (splits_by_hand(settings) && count >= 1 && count <= CSM_MAX_CASCADES) {
         check_manual_splits(settings, count, &problems);
     }
     if (problems.status != CSM_OK && err) {
@@ -89,6 +109,61 @@ csm_status csm_settings_validate(const csm_settings *settings, csm_error *err) {
 
 static void reset(csm_settings *settings, csm_effect effect) {
     settings->effects[effect] = effect_table[effect].default_value;
+}
+
+static void canonical_splits(csm_settings *settings) {
+    int *effects = settings->effects;
+    if (effects[CSM_EFFECT_CASCADE_COUNT] == 1) {
+        /* of what is seen one cascade still takes its range */
+        int *split = &effects[CSM_EFFECT_SPLIT];
+        const bool seen = *split == CSM_SPLIT_SDSM || *split == CSM_SPLIT_HISTOGRAM;
+        *split = seen ? CSM_SPLIT_SDSM : CSM_SPLIT_PRACTICAL;
+        settings->lam = 0.5;
+        settings->first_split = 0.0;
+    }
+    const int split = effects[CSM_EFFECT_SPLIT];
+    if (split != CSM_SPLIT_PRACTICAL && split != CSM_SPLIT_SDSM) {
+        settings->lam = 0.5;
+    }
+    if (!splits_by_hand(settings)) {
+        memset(settings->manual_splits, 0, sizeof settings->manual_splits);
+    } else {
+        settings->first_split = 0.0;
+    }
+}
+
+void csm_settings_canonical_placement(csm_settings *settings) {
+    int *effects = settings->effects;
+    canonical_splits(settings);
+    if (effects[CSM_EFFECT_FIT] != CSM_FIT_VISIBLE) {
+        reset(settings, CSM_EFFECT_TURNED);
+    }
+    if (effects[CSM_EFFECT_WARP] != CSM_WARP_NONE) {
+        reset(settings, CSM_EFFECT_TURNED); /* a warp turns its windows itself */
+    }
+    if (effects[CSM_EFFECT_TURNED] || effects[CSM_EFFECT_WARP] != CSM_WARP_NONE) {
+        effects[CSM_EFFECT_SNAP] = CSM_SNAP_NONE; /* their texels are not the world's */
+    }
+    if (effects[CSM_EFFECT_SNAP] != CSM_SNAP_APPROXIMATE) {
+        reset(settings, CSM_EFFECT_LEVEL_SPACING);
+        reset(settings, CSM_EFFECT_LEVEL_COUNT);
+        reset(settings, CSM_EFFECT_LEVEL_HYSTERESIS);
+    }
+    if (effects[CSM_EFFECT_PANCAKE]) {
+        reset(settings, CSM_EFFECT_DEPTH_RANGE);
+    }
+    if (effects[CSM_EFFECT_DEPTH_RANGE] != CSM_DEPTH_RANGE_MANUAL) {
+        memset(settings->manual_depth_range, 0, sizeof settings->manual_depth_range);
+    }
+    /* a finer map answers for its whole rectangle only if the choice is by rectangle and its depth
+     * range leaves nothing out */
+    if (effects[CSM_EFFECT_CULL] == CSM_CULL_EXCLUSIVE &&
+        (effects[CSM_EFFECT_SELECT] == CSM_SELECT_INTERVAL || effects[CSM_EFFECT_PANCAKE] ||
+         effects[CSM_EFFECT_DEPTH_RANGE] != CSM_DEPTH_RANGE_SCENE ||
+         effects[CSM_EFFECT_WARP] != CSM_WARP_NONE || effects[CSM_EFFECT_CASCADE_COUNT] == 1)) {
+        effects[CSM_EFFECT_CULL] = CSM_CULL_INCLUSIVE;
+    }
+    effects[CSM_EFFECT_SKEWED] = effects[CSM_EFFECT_LIGHT_BASIS] == CSM_LIGHT_BASIS_WORLD;
 }
 
 void csm_settings_canonical(csm_settings *settings) {
@@ -110,16 +185,7 @@ void csm_settings_canonical(csm_settings *settings) {
     if (effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
         reset(settings, CSM_EFFECT_FILTER_SIZE);
     }
-    if (effects[CSM_EFFECT_SPLIT] != CSM_SPLIT_PRACTICAL) {
-        settings->lam = 0.5;
-    }
-    if (effects[CSM_EFFECT_SPLIT] != CSM_SPLIT_MANUAL) {
-        memset(settings->manual_splits, 0, sizeof settings->manual_splits);
-    }
-    if (effects[CSM_EFFECT_CASCADE_COUNT] == 1) {
-        reset(settings, CSM_EFFECT_SPLIT);
-        settings->lam = 0.5;
-    }
+    csm_settings_canonical_placement(settings);
     for (int i = effects[CSM_EFFECT_CASCADE_COUNT]; i < CSM_MAX_CASCADES; i++) {
         settings->map_size[i] = 0;
     }
@@ -133,6 +199,10 @@ void csm_settings_canonical(csm_settings *settings) {
         effects[CSM_EFFECT_RECEIVER_PLANE] = 0; /* one reference depth for four texels */
     }
     effects[CSM_EFFECT_NORMAL_OFFSET] = settings->normal_offset_texels != 0.0;
+    if (effects[CSM_EFFECT_SELECT] == CSM_SELECT_FRUSTUM &&
+        csm_settings_kernel_radius(settings) == 0) {
+        effects[CSM_EFFECT_SELECT] = CSM_SELECT_MAP; /* they differ by the kernel's border */
+    }
 }
 
 int csm_settings_kernel_radius(const csm_settings *settings) {

@@ -5,7 +5,7 @@
  * Villemin 2017, "Building an orthonormal basis, revisited". A look-at with an up vector would lose
  * all digits for a sun near the zenith.
  */
-#include "csm.h"
+#include "placement.h"
 
 #include "linalg.h"
 
@@ -30,4 +30,13 @@ csm_status csm_light_basis_orthonormal(const double to_light[3], double out[16],
     const double y[3] = {b, s + z[1] * z[1] * a, -z[1]};
     mat4_from_rows(x, y, z, out);
     return CSM_OK;
+}
+
+csm_status csm_place_light(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err) {
+    double light_from_world[16];
+    const csm_status status = csm_light_basis_orthonormal(desc->to_light, light_from_world, err);
+    for (int i = 0; status == CSM_OK && i < out->count; i++) {
+        memcpy(out->light_from_world[i], light_from_world, sizeof light_from_world);
+    }
+    return status;
 }

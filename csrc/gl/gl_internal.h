@@ -171,10 +171,13 @@ typedef struct csm_frame_uniforms {
     float slope[CSM_MAX_CASCADES][4]; /* depth per texel at a gradient of 1 in x, y; far view
                                          depth; least depth per texel that a bias takes */
     float clip[CSM_MAX_CASCADES][4];  /* light x, y to clip x, y: scale, offset */
+    float turn[CSM_MAX_CASCADES][4];  /* cosine, sine of its axes against those of light space */
+    float normal_from_origin[3][4];   /* rows: normals to light space, where it is skewed */
+    float view_centre[4];             /* x, y of the picture's centre, in the units of view.xy */
 } csm_frame_uniforms;
 
 _Static_assert(sizeof(csm_frame_uniforms) ==
-                   16 * (3 + 2 + 3 + 1 + 4 + 3) + 5 * 16 * CSM_MAX_CASCADES,
+                   16 * (3 + 2 + 3 + 1 + 4 + 3 + 3 + 1) + 6 * 16 * CSM_MAX_CASCADES,
                "std140 of frame.glsl has no padding");
 
 /* -- renderer.c -----------------------------------------------------------------------------------
@@ -243,7 +246,8 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, cs
 void csm_draw_list_drop(csm_renderer *renderer);
 
 /* uniforms.c */
-void csm_frame_write_uniforms(csm_frame *frame);
+void csm_frame_write_view(csm_frame *frame);
+void csm_frame_write_cascades(csm_frame *frame);
 
 /* timer.c */
 void csm_timer_start(csm_renderer *renderer);

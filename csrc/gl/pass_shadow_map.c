@@ -29,7 +29,7 @@ static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err) 
         /* points may lie outside the picture, where casters matter that the picture does not miss
          */
         bool whole = desc->outputs & CSM_OUT_POINTS;
-        csm_cull_volume_make(desc->cascades, cascade, &desc->camera,
+        csm_cull_volume_make(&frame->out->cascades, cascade, &desc->camera,
                              settings->effects[CSM_EFFECT_SELECT], cull_margin_texels(settings),
                              whole, &volume);
     }

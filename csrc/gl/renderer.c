@@ -328,6 +328,33 @@ static void read_back(csm_frame *frame) {
     }
 }
 
+static void upload_uniforms(csm_frame *frame) {
+    frame->renderer->gl.NamedBufferSubData(frame->renderer->frame_uniforms, 0,
+                                           sizeof frame->uniforms, &frame->uniforms);
+}
+
+static csm_status place_cascades(csm_frame *frame, csm_error *err) {
+    const csm_render_desc *desc = frame->desc;
+    csm_settings settings = desc->settings;
+    if (settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
+        /* no map asks for these cascades: they must not refuse a camera either */
+        settings.effects[CSM_EFFECT_SPLIT] = CSM_SPLIT_UNIFORM;
+        settings.effects[CSM_EFFECT_FIT] = CSM_FIT_SPHERE;
+    }
+    const csm_cascades_desc fit = {
+        .camera = desc->camera,
+        .to_light = {desc->to_light[0], desc->to_light[1], desc->to_light[2]},
+        .settings = &settings,
+        .scene_bounds = desc->scene_bounds,
+        .held = desc->held};
+    csm_status status = csm_cascades_fit(&fit, &frame->out->cascades, err);
+    if (status == CSM_OK && frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE) {
+        csm_frame_write_cascades(frame);
+    }
+    upload_uniforms(frame);
+    return status;
+}
+
 static csm_status render_bound(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
@@ -342,8 +369,11 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
     frame->out->scene_bytes = frame->desc->scene->bytes;
     frame->out->clock = renderer->timer.queries ? "timer query" : "wall clock around glFinish";
     frame->out->items_total = (int)frame->desc->scene->geometry.item_count;
-    csm_frame_write_uniforms(frame);
-    gl->NamedBufferSubData(renderer->frame_uniforms, 0, sizeof frame->uniforms, &frame->uniforms);
+    csm_frame_write_view(frame);
+    status = place_cascades(frame, err);
+    if (status != CSM_OK) {
+        return status;
+    }
     gl->BindBufferBase(GL_UNIFORM_BUFFER, 0, renderer->frame_uniforms);
     for (int i = 0; i < frame->plan.step_count && status == CSM_OK; i++) {
         status = csm_frame_stopped(frame) ? csm_interrupted(err)

@@ -37,6 +37,7 @@ static void write_view(const csm_camera *camera, csm_frame_uniforms *uniforms) {
     to_floats((const double[4]){camera->half_width, camera->half_height, camera->near_depth,
                                 camera->far_depth},
               4, uniforms->view);
+    to_floats(camera->centre, 2, uniforms->view_centre);
 }
 
 /* Lattice texels are phase + light x / texel, counted from the lattice point below the scene's
@@ -45,7 +46,7 @@ static void write_view(const csm_camera *camera, csm_frame_uniforms *uniforms) {
  * float. */
 static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
                           csm_frame_uniforms *uniforms) {
-    const csm_cascades *cascades = frame->desc->cascades;
+    const csm_cascades *cascades = &frame->out->cascades;
     const double *origin = frame->desc->scene->origin;
     const double *light = cascades->light_from_world[i];
     const double *clip = cascades->clip_from_light[i];
@@ -73,6 +74,9 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
         uniforms->clip[i][axis] = (float)clip[5 * axis];
         uniforms->clip[i][2 + axis] = (float)(clip[5 * axis] * origin_ls[axis] + clip[12 + axis]);
     }
+    const double *base = cascades->light_from_world[0];
+    uniforms->turn[i][0] = (float)(light[0] * base[0] + light[4] * base[4] + light[8] * base[8]);
+    uniforms->turn[i][1] = (float)(light[0] * base[1] + light[4] * base[5] + light[8] * base[9]);
     uniforms->centre[i][2] = (float)half_side;
     uniforms->centre[i][3] = (float)cascades->map_size[i];
     uniforms->depth[i][0] = (float)(-1.0 / span);
@@ -87,9 +91,8 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
     uniforms->slope[i][3] = manual ? (float)(largest / span) : 0.0f;
 }
 
-void csm_frame_write_uniforms(csm_frame *frame) {
+void csm_frame_write_view(csm_frame *frame) {
     const csm_render_desc *desc = frame->desc;
-    const csm_cascades *cascades = desc->cascades;
     csm_frame_uniforms *uniforms = &frame->uniforms;
     memset(uniforms, 0, sizeof *uniforms);
     for (int axis = 0; axis < 3; axis++) {
@@ -102,9 +105,11 @@ void csm_frame_write_uniforms(csm_frame *frame) {
     }
     write_view(&desc->camera, uniforms);
     to_floats(desc->to_light, 3, uniforms->to_light);
-    if (frame->settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
-        return;
-    }
+}
+
+void csm_frame_write_cascades(csm_frame *frame) {
+    const csm_cascades *cascades = &frame->out->cascades;
+    csm_frame_uniforms *uniforms = &frame->uniforms;
     csm_bias bias = csm_settings_bias(&frame->settings);
     to_floats((const double[4]){bias.slope_texels, bias.normal_offset_texels,
                                 csm_settings_kernel_radius(&frame->settings), bias.roundings},

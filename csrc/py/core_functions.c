@@ -262,14 +262,56 @@ static PyObject *snap_window(PyObject *module, PyObject *args, PyObject *kwargs)
                          new_array(1, shape, NPY_INT64, lattice));
 }
 
+/* The bytes that csm_py_new_cascades gave out. */
+static int parse_hold(PyObject *held, csm_hold *out) {
+    char *bytes;
+    Py_ssize_t size;
+    if (PyBytes_AsStringAndSize(held, &bytes, &size) < 0) {
+        return -1;
+    }
+    if (size != (Py_ssize_t)sizeof *out) {
+        PyErr_SetString(PyExc_ValueError, "held must be cascades of this version of csm");
+        return -1;
+    }
+    memcpy(out, bytes, sizeof *out);
+    return 0;
+}
+
+void csm_py_release_fit(csm_py_fit *fit) {
+    Py_CLEAR(fit->points);
+    Py_CLEAR(fit->boxes);
+}
+
 int csm_py_parse_fit(PyObject *camera, PyObject *to_light, PyObject *settings, PyObject *bounds,
-                     PyObject *held_step, csm_py_fit *out) {
+                     PyObject *held, PyObject *receivers, PyObject *boxes, csm_py_fit *out) {
     memset(out, 0, sizeof *out);
     if (csm_py_parse_camera(camera, &out->desc.camera) < 0 ||
         csm_py_vector(to_light, "to_light", 3, out->desc.to_light) < 0 ||
-        csm_py_parse_settings(settings, &out->settings) < 0 ||
-        parse_step(held_step, &out->desc.held_range_step) < 0) {
+        csm_py_parse_settings(settings, &out->settings) < 0) {
         return -1;
+    }
+    if (held != Py_None) {
+        if (parse_hold(held, &out->held) < 0) {
+            return -1;
+        }
+        out->desc.held = &out->held;
+    }
+    if (receivers != Py_None) {
+        out->points = csm_py_rows(receivers, "receivers", NPY_DOUBLE, 3);
+        if (!out->points) {
+            return -1;
+        }
+        out->receivers.points = PyArray_DATA(out->points);
+        out->receivers.point_count = (size_t)PyArray_DIM(out->points, 0);
+        out->desc.receivers = &out->receivers;
+    }
+    if (boxes != Py_None) {
+        out->boxes = csm_py_rows(boxes, "boxes", NPY_DOUBLE, 6);
+        if (!out->boxes) {
+            return -1;
+        }
+        out->desc.boxes = PyArray_DATA(out->boxes);
+        out->desc.box_count = (size_t)PyArray_DIM(out->boxes, 0);
     }
     out->desc.settings = &out->settings;
     if (bounds != Py_None) {
@@ -286,7 +328,7 @@ PyObject *csm_py_new_cascades(const csm_cascades *cascades) {
     const npy_intp edges[1] = {n + 1}, each[1] = {n}, pairs[2] = {n, 2};
     PyObject *range_step = cascades->range_step == INT_MIN ? Py_NewRef(Py_None)
                                                            : PyLong_FromLong(cascades->range_step);
-    return Py_BuildValue("{s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N}", "splits",
+    return Py_BuildValue("{s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:y#}", "splits",
                          new_array(1, edges, NPY_DOUBLE, cascades->splits), "light_from_world",
                          new_matrices(cascades->light_from_world, n), "clip_from_light",
                          new_matrices(cascades->clip_from_light, n), "clip_from_world",
@@ -295,29 +337,36 @@ PyObject *csm_py_new_cascades(const csm_cascades *cascades) {
                          new_array(2, pairs, NPY_DOUBLE, cascades->texel_size), "lattice",
                          new_array(2, pairs, NPY_INT64, cascades->lattice), "depth_range",
                          new_array(2, pairs, NPY_DOUBLE, cascades->depth_range), "map_size",
-                         new_array(1, each, NPY_INT, cascades->map_size), "range_step", range_step);
+                         new_array(1, each, NPY_INT, cascades->map_size), "range_step", range_step,
+                         "hold", (const char *)&cascades->hold, (Py_ssize_t)sizeof cascades->hold);
 }
 
 PyDoc_STRVAR(fit_cascades_doc,
-             "fit_cascades(camera, to_light, settings, scene_bounds=None, held_step=None)\n--\n\n"
-             "dict of the arrays of csm.Cascades, and range_step (None if the range was not "
-             "rounded); scene_bounds (2, 3) or (6,): min, max.");
+             "fit_cascades(camera, to_light, settings, scene_bounds=None, held=None, "
+             "receivers=None, boxes=None)\n--\n\n"
+             "dict of the arrays of csm.Cascades, range_step (None if the range was not "
+             "rounded) and hold; scene_bounds (2, 3) or (6,): min, max; held: an earlier hold.");
 
 static PyObject *fit_cascades(PyObject *module, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"camera", "to_light", "settings", "scene_bounds", "held_step", NULL};
-    PyObject *camera, *to_light, *settings, *bounds = Py_None, *held_step = Py_None;
+    static char *names[] = {"camera", "to_light",  "settings", "scene_bounds",
+                            "held",   "receivers", "boxes",    NULL};
+    PyObject *camera, *to_light, *settings, *bounds = Py_None, *held = Py_None;
+    PyObject *receivers = Py_None, *boxes = Py_None;
     csm_py_fit arguments;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO|OO:fit_cascades", names, &camera, &to_light,
-                                     &settings, &bounds, &held_step) ||
-        csm_py_parse_fit(camera, to_light, settings, bounds, held_step, &arguments) < 0) {
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO|OOOO:fit_cascades", names, &camera,
+                                     &to_light, &settings, &bounds, &held, &receivers, &boxes)) {
         return NULL;
     }
     csm_cascades cascades;
     csm_error err = {0};
-    if (csm_cascades_fit(&arguments.desc, &cascades, &err) != CSM_OK) {
-        return csm_py_raise(module, &err);
+    PyObject *out = NULL;
+    if (csm_py_parse_fit(camera, to_light, settings, bounds, held, receivers, boxes, &arguments) ==
+        0) {
+        const csm_status status = csm_cascades_fit(&arguments.desc, &cascades, &err);
+        out = status == CSM_OK ? csm_py_new_cascades(&cascades) : csm_py_raise(module, &err);
     }
-    return csm_py_new_cascades(&cascades);
+    csm_py_release_fit(&arguments);
+    return out;
 }
 
 /* Boxes (m, 6) as the items of a geometry; items are PyMem_Malloc'ed. */
@@ -359,7 +408,8 @@ static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) 
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOOOi|dp:cull_boxes", names, &camera,
                                      &to_light, &settings, &bounds, &boxes, &cascade,
                                      &margin_texels, &whole_window) ||
-        csm_py_parse_fit(camera, to_light, settings, bounds, Py_None, &arguments) < 0) {
+        csm_py_parse_fit(camera, to_light, settings, bounds, Py_None, Py_None, Py_None,
+                         &arguments) < 0) {
         return NULL;
     }
     csm_cascades cascades;

@@ -66,15 +66,21 @@ int csm_py_parse_settings(PyObject *settings, csm_settings *out);
 
 /* core_functions.c */
 
-/* What a fit reads; desc points into settings and bounds of the same struct. */
+/* What a fit reads; desc points into the same struct and the arrays that it holds. */
 typedef struct csm_py_fit {
     csm_settings settings;
     double bounds[6];
+    csm_hold held;
+    csm_receivers receivers;
+    PyArrayObject *points, *boxes;
     csm_cascades_desc desc;
 } csm_py_fit;
 
+/* bounds, held (the hold of an earlier csm.Cascades), receivers (m, 3), boxes (m, 6): each may be
+ * None. Release what came of it, also after a failure. */
 int csm_py_parse_fit(PyObject *camera, PyObject *to_light, PyObject *settings, PyObject *bounds,
-                     PyObject *held_step, csm_py_fit *out);
+                     PyObject *held, PyObject *receivers, PyObject *boxes, csm_py_fit *out);
+void csm_py_release_fit(csm_py_fit *fit);
 PyObject *
 csm_py_new_cascades(const csm_cascades *cascades); /* dict of the arrays of csm.Cascades */
 extern PyMethodDef csm_py_core_methods[];

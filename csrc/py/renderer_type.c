@@ -396,9 +396,9 @@ static PyObject *lists_of(const csm_render_out *out, int cascades) {
                          "triangles_drawn", triangles);
 }
 
-static PyObject *result_of(const csm_render_out *out, const csm_cascades *cascades) {
-    PyObject *lists = lists_of(out, cascades->count);
-    PyObject *fitted = lists ? csm_py_new_cascades(cascades) : NULL;
+static PyObject *result_of(const csm_render_out *out) {
+    PyObject *lists = lists_of(out, out->cascades.count);
+    PyObject *fitted = lists ? csm_py_new_cascades(&out->cascades) : NULL;
     if (!fitted) {
         Py_XDECREF(lists);
         return NULL;
@@ -412,34 +412,28 @@ static PyObject *result_of(const csm_render_out *out, const csm_cascades *cascad
 
 PyDoc_STRVAR(
     render_doc,
-    "render(scene, camera, to_light, settings, scene_bounds, held_step, outputs, arrays, "
+    "render(scene, camera, to_light, settings, scene_bounds, held, outputs, arrays, "
     "points, point_normals)\n--\n\nFits cascades, runs the plan, fills the arrays of the dict.");
 
 static PyObject *renderer_render(PyObject *object, PyObject *args) {
-    PyObject *capsule, *camera, *to_light, *settings, *bounds, *held_step, *arrays, *points,
-        *normals;
+    PyObject *capsule, *camera, *to_light, *settings, *bounds, *held, *arrays, *points, *normals;
     csm_renderer *renderer = open_renderer(object);
     csm_py_fit fit;
-    csm_cascades cascades;
     csm_render_out out = {0};
     csm_error err = {0};
     csm_status status;
     unsigned outputs;
     if (!renderer ||
         !PyArg_ParseTuple(args, "OOOOOOIO!OO:render", &capsule, &camera, &to_light, &settings,
-                          &bounds, &held_step, &outputs, &PyDict_Type, &arrays, &points,
-                          &normals) ||
-        csm_py_parse_fit(camera, to_light, settings, bounds, held_step, &fit) < 0) {
+                          &bounds, &held, &outputs, &PyDict_Type, &arrays, &points, &normals) ||
+        csm_py_parse_fit(camera, to_light, settings, bounds, held, Py_None, Py_None, &fit) < 0) {
         return NULL;
-    }
-    if (fit.settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
-        /* no map asks for these cascades: they must not refuse a camera either */
-        fit.settings.effects[CSM_EFFECT_SPLIT] = CSM_SPLIT_UNIFORM;
     }
     csm_render_desc desc = {.scene = PyCapsule_GetPointer(capsule, SCENE_CAPSULE),
                             .camera = fit.desc.camera,
                             .settings = fit.settings,
-                            .cascades = &cascades,
+                            .scene_bounds = fit.desc.scene_bounds,
+                            .held = fit.desc.held,
                             .outputs = outputs,
                             .stop = signal_arrived};
     PyArrayObject *point_rows = NULL, *normal_rows = NULL;
@@ -469,14 +463,11 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
         goto fail;
     }
     Py_BEGIN_ALLOW_THREADS
-    status = csm_cascades_fit(&fit.desc, &cascades, &err);
-    if (status == CSM_OK) {
-        status = csm_renderer_render(renderer, &desc, &out, &err);
-    }
+    status = csm_renderer_render(renderer, &desc, &out, &err);
     Py_END_ALLOW_THREADS
     Py_XDECREF(point_rows);
     Py_XDECREF(normal_rows);
-    return status == CSM_OK ? result_of(&out, &cascades) : csm_py_raise(module_of(object), &err);
+    return status == CSM_OK ? result_of(&out) : csm_py_raise(module_of(object), &err);
 fail:
     Py_XDECREF(point_rows);
     Py_XDECREF(normal_rows);

@@ -96,12 +96,20 @@ int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
     int count = out->effects[CSM_EFFECT_CASCADE_COUNT];
     if (parse_map_size(settings, count, out->map_size) < 0 ||
         csm_py_attribute_double(settings, "lam", &out->lam) < 0 ||
+        csm_py_attribute_double(settings, "first_split", &out->first_split) < 0 ||
+        csm_py_attribute_double(settings, "max_distance", &out->max_distance) < 0 ||
+        csm_py_attribute_double(settings, "sun_step_deg", &out->sun_step_deg) < 0 ||
         csm_py_attribute_double(settings, "constant_bias_texels", &out->constant_bias_texels) < 0 ||
         csm_py_attribute_double(settings, "slope_bias", &out->slope_bias) < 0 ||
         csm_py_attribute_double(settings, "normal_offset_texels", &out->normal_offset_texels) < 0) {
         return -1;
     }
-    bool manual = out->effects[CSM_EFFECT_SPLIT] == CSM_SPLIT_MANUAL;
+    if (out->effects[CSM_EFFECT_DEPTH_RANGE] == CSM_DEPTH_RANGE_MANUAL &&
+        csm_py_attribute_vector(settings, "manual_depth_range", 2, out->manual_depth_range) < 0) {
+        return -1;
+    }
+    const int split = out->effects[CSM_EFFECT_SPLIT];
+    bool manual = split == CSM_SPLIT_MANUAL || split == CSM_SPLIT_PERCENTAGES;
     if (manual && count >= 1 && count <= CSM_MAX_CASCADES) {
         return parse_manual_splits(settings, count, out->manual_splits);
     }
@@ -181,7 +189,9 @@ static PyObject *canonical_settings(PyObject *module, PyObject *object) {
     }
     csm_settings_canonical(&settings);
     int count = settings.effects[CSM_EFFECT_CASCADE_COUNT];
-    bool manual = settings.effects[CSM_EFFECT_SPLIT] == CSM_SPLIT_MANUAL;
+    const int split = settings.effects[CSM_EFFECT_SPLIT];
+    bool manual = split == CSM_SPLIT_MANUAL || split == CSM_SPLIT_PERCENTAGES;
+    bool ranged = settings.effects[CSM_EFFECT_DEPTH_RANGE] == CSM_DEPTH_RANGE_MANUAL;
     double sizes[CSM_MAX_CASCADES];
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         const csm_effect_info *row = csm_effect_describe(i);
@@ -195,7 +205,12 @@ static PyObject *canonical_settings(PyObject *module, PyObject *object) {
     if (set_item(dict, "map_size", floats(sizes, count)) < 0 ||
         set_item(dict, "manual_splits", floats(settings.manual_splits, manual ? count - 1 : 0)) <
             0 ||
+        set_item(dict, "manual_depth_range", floats(settings.manual_depth_range, ranged ? 2 : 0)) <
+            0 ||
         set_item(dict, "lam", PyFloat_FromDouble(settings.lam)) < 0 ||
+        set_item(dict, "first_split", PyFloat_FromDouble(settings.first_split)) < 0 ||
+        set_item(dict, "max_distance", PyFloat_FromDouble(settings.max_distance)) < 0 ||
+        set_item(dict, "sun_step_deg", PyFloat_FromDouble(settings.sun_step_deg)) < 0 ||
         set_item(dict, "constant_bias_texels", PyFloat_FromDouble(settings.constant_bias_texels)) <
             0 ||
         set_item(dict, "slope_bias", PyFloat_FromDouble(settings.slope_bias)) < 0 ||

@@ -17,14 +17,18 @@ bool place_in_map(receiver point, int cascade, out candidate here)
 {
     vec3 position_ls = light_position(offset_position(point, cascade));
     here.cascade = cascade;
-    here.texels = lattice_texels(position_ls.xy, cascade);
+    here.texels = lattice_texels(turned(position_ls.xy, cascade), cascade);
     here.z = map_depth(position_ls.z, cascade);
     here.centre = frame.centre[cascade];
     here.slope = frame.slope[cascade].xyw;
     here.constant_bias = frame.depth[cascade].z;
     here.scale = -frame.depth[cascade].x;
     vec2 away = abs(here.texels - here.centre.xy);
+#if CSM_SELECT == CSM_SELECT_FRUSTUM
+    bool inside = max(away.x, away.y) < here.centre.z; // the kernel may reach over the rim
+#else
     bool inside = max(away.x, away.y) < here.centre.z - frame.bias.z;
+#endif
 #if CSM_NORMAL_OFFSET
     // an offset may lift what lies at the range's near end out of it: the surface itself decides
     float z = map_depth(light_position(point.position).z, cascade);
@@ -39,7 +43,7 @@ candidate choose_cascade(receiver point)
 {
     candidate chosen, here;
     bool fits = place_in_map(point, CSM_CASCADE_COUNT - 1, chosen);
-#if CSM_SELECT == CSM_SELECT_MAP
+#if CSM_SELECT != CSM_SELECT_INTERVAL
     chosen.cascade = fits ? chosen.cascade : no_cascade;
 #endif
     for (int cascade = CSM_CASCADE_COUNT - 2; cascade >= 0; cascade--) {
@@ -61,7 +65,7 @@ candidate choose_cascade(receiver point)
 map_receiver select_cascade(receiver point)
 {
     candidate chosen = choose_cascade(point);
-    vec2 gradient = depth_gradient(point);
+    vec2 gradient = turned(depth_gradient(point), min(chosen.cascade, CSM_CASCADE_COUNT - 1));
     vec2 texel_slope = gradient * chosen.slope.xy;
     vec2 bias_slope = gradient * max(chosen.slope.xy, chosen.slope.z);
     vec2 whole = floor(chosen.texels);

@@ -21,6 +21,9 @@ struct frame_values
     vec4 depth[8];                  // scale, offset of z; constant bias [depth]; larger texel side [m]
     vec4 slope[8];                  // depth per texel at a gradient of 1 in x, y; far view depth [m]; least of x, y in a bias
     vec4 clip[8];                   // light x, y to clip x, y: scale, offset
+    vec4 turn[8];                   // cosine, sine of its axes against those of light space
+    vec4 normal_from_origin[3];     // rows: normals to light space, where it is skewed
+    vec4 view_centre;               // x, y of the picture's centre, in the units of view.xy
 };
 
 layout(std140, binding = 0) uniform frame_block
@@ -35,6 +38,18 @@ vec3 light_position(vec3 position_origin)
     return vec3(dot(frame.light_from_origin[0].xyz, position_origin),
                 dot(frame.light_from_origin[1].xyz, position_origin),
                 dot(frame.light_from_origin[2].xyz, position_origin));
+}
+
+// Light x, y along the axes of a cascade.
+vec2 turned(vec2 along_light, int cascade)
+{
+#if CSM_TURNED
+    vec2 turn = frame.turn[cascade].xy;
+    return vec2(turn.x * along_light.x + turn.y * along_light.y,
+                turn.x * along_light.y - turn.y * along_light.x);
+#else
+    return along_light;
+#endif
 }
 
 // Light x, y in texels of a cascade, counted from a lattice point near the scene's origin: the same number in

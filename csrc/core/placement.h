@@ -1,0 +1,46 @@
+/* placement.h: the steps of a fit, in the order in which csm_cascades_fit takes them. */
+#ifndef CSM_PLACEMENT_H
+#define CSM_PLACEMENT_H
+
+#include "csm.h"
+
+/* What a window must hold, in light space: x, y, z [m]. */
+typedef struct csm_slab {
+    double centre[3], half[3];
+} csm_slab;
+
+/* view_range.c: out->splits, out->range_step and the held steps of the range. */
+csm_status csm_place_splits(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
+
+/* light_basis.c: the axes that windows start from, and what of them is held. */
+csm_status csm_place_light(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
+
+/* fits.c: what the window of cascade i must hold; out->splits and light_from_world[i] are set. */
+csm_status csm_fit_slab(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
+                        csm_error *err);
+
+/* fits.c: light-space box of a slice. Taken relative to the eye, so that its sides depend on the
+ * camera's orientation alone and stay equal to the last bit while it only moves. */
+csm_slab csm_slice_bounds(const csm_camera *camera, const double light_from_world[16],
+                          double near_depth, double far_depth);
+
+/* receivers.c: the same for fit = visible: where nothing is seen, a window of the slice's own. May
+ * turn light_from_world[i] about light z. */
+csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
+                           csm_error *err);
+
+/* receivers.c: least and largest view depth of what is seen, within the camera's range; false if
+ * nothing is. histogram may be NULL. */
+bool csm_receivers_depths(const csm_cascades_desc *desc, double out_range[2],
+                          uint32_t histogram[CSM_DEPTH_BINS]);
+
+/* Padding of a window in texels: the kernel, and how far a receiver may be moved. */
+int csm_window_padding(const csm_settings *settings);
+
+/* depth_range.c: light-view depth of z = 0 and the span to z = 1 [m]. sides: of the window in light
+ * x, y, from its lower corner [m]. */
+void csm_choose_depth_range(const csm_cascades_desc *desc, const double light_from_world[16],
+                            const csm_slab *slice, const double corner[2], const double sides[2],
+                            double *out_near, double *out_span);
+
+#endif
