@@ -2,7 +2,7 @@
 
 from importlib import metadata as _metadata
 
-from . import scenes
+from . import plot, scenes
 from .cascades import Cascades, fit_cascades
 from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, ShaderError
 from .frame import Frame
@@ -41,6 +41,7 @@ __all__ = [
     "load",
     "load_elevation",
     "plan",
+    "plot",
     "scenes",
     "split_distances",
     "truth",

@@ -178,7 +178,8 @@ ORDER = [
     "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "shapes",
     "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings",
     "splits", "cascades", "plans", "frame", "renderer", "embree", "tracing", "metrics", "checks",
-    "sweeps", "reports", "recommendation", "director", "export", "pictures", "plot", "results",
+    "sweeps", "reports", "recommendation", "director", "export", "pictures", "outlines", "plot_style",
+    "plot_windows", "plot_frames", "plot", "results",
     "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {"embree", "tracing", "metrics", "checks"}  # of arrays, also somebody else's
@@ -188,7 +189,9 @@ LAZY = {
     "landscapes": {"matplotlib"},
     "embree": {"embreex"},
     "pictures": {"matplotlib", "PIL"},
-    "plot": {"matplotlib"},
+    "plot_style": {"matplotlib"},
+    "plot_windows": {"matplotlib", "mpl_toolkits"},
+    "plot_frames": {"matplotlib"},
     "progress": {"rich"},
     "cli": {"rich"},
 }
