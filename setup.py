@@ -14,7 +14,7 @@ from setuptools.command.build_ext import build_ext
 # In the order of the data, from values to pictures to Python.
 CORE = (
     "status effects scene splits frustum view_range light_basis receivers fits snap depth_range"
-    " cascades cull plan shader_source"
+    " warp cascades cull plan shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"

@@ -324,6 +324,30 @@ typedef struct csm_receivers {
     double box_origin[3]; /* world */
 } csm_receivers;
 
+/* A perspective warp of the light plane. Local coordinates of a point are (light xy - origin) /
+ * extent along the turned axes, y from 0 to 1 over what is held. */
+typedef struct csm_warp {
+    double light_from_world[16]; /* as given, turned about light z: y runs along the warp */
+    double origin[2];            /* of the local coordinates, from the eye [m] */
+    double extent[2];            /* [m] */
+    double strength;             /* w grows from 1 to 1 + strength; the point of projection lies
+                                    extent[1] / strength before the body */
+    double clip_from_local[16];  /* x, y, w rows free of z; w from 1 up on the map; z is kept, so
+                                    that clip z / w of a depth in [0, 1] lies in [0, 1] */
+} csm_warp;
+
+/* The warp (a CSM_WARP_*) of a map that must hold points, relative to the eye in world axes [m]:
+ * the hull of a slice. Orthographic where view and light are parallel, and for an orthographic
+ * camera. Fails if padding_texels leave no texel (docs/numerics.md 21). */
+csm_status csm_warp_make(int kind, const csm_camera *camera, const double light_from_world[16],
+                         const double (*points)[3], int count, int map_size, int padding_texels,
+                         csm_warp *out, csm_error *err);
+
+/* Light x, y [m] of a point of clip space, and the sides of one texel there along light x and y:
+ * clip_from_light may be projective. */
+void csm_warp_unproject(const double clip_from_light[16], const double clip[2], int map_size,
+                        double out_position[2], double out_texel[2]);
+
 typedef struct csm_cascades_desc {
     csm_camera camera;
     double to_light[3];

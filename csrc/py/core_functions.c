@@ -262,6 +262,42 @@ static PyObject *snap_window(PyObject *module, PyObject *args, PyObject *kwargs)
                          new_array(1, shape, NPY_INT64, lattice));
 }
 
+PyDoc_STRVAR(
+    make_warp_doc,
+    "make_warp(camera, to_light, near, far, warp, map_size, padding_texels)\n--\n\n"
+    "dict of a slice's warp: light_from_world, origin, extent, strength, clip_from_local.");
+
+static PyObject *make_warp(PyObject *module, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"camera", "to_light", "near",           "far",
+                            "warp",   "map_size", "padding_texels", NULL};
+    PyObject *object, *to_light_object;
+    csm_camera camera;
+    double near_depth, far_depth, to_light[3], basis[16], corners[CSM_CORNER_COUNT][3];
+    int kind, map_size, padding_texels;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOddiii:make_warp", names, &object,
+                                     &to_light_object, &near_depth, &far_depth, &kind, &map_size,
+                                     &padding_texels) ||
+        parse_camera(module, object, &camera) < 0 ||
+        csm_py_vector(to_light_object, "to_light", 3, to_light) < 0) {
+        return NULL;
+    }
+    csm_warp warp;
+    csm_error err = {0};
+    memset(camera.eye, 0, sizeof camera.eye); /* points are relative to it */
+    csm_frustum_corners(&camera, near_depth, far_depth, corners);
+    if (csm_light_basis_orthonormal(to_light, basis, &err) != CSM_OK ||
+        csm_warp_make(kind, &camera, basis, (const double(*)[3])corners, CSM_CORNER_COUNT, map_size,
+                      padding_texels, &warp, &err) != CSM_OK) {
+        return csm_py_raise(module, &err);
+    }
+    const npy_intp pair[1] = {2};
+    return Py_BuildValue("{s:N,s:N,s:N,s:d,s:N}", "light_from_world",
+                         new_matrix(warp.light_from_world), "origin",
+                         new_array(1, pair, NPY_DOUBLE, warp.origin), "extent",
+                         new_array(1, pair, NPY_DOUBLE, warp.extent), "strength", warp.strength,
+                         "clip_from_local", new_matrix(warp.clip_from_local));
+}
+
 /* The bytes that csm_py_new_cascades gave out. */
 static int parse_hold(PyObject *held, csm_hold *out) {
     char *bytes;
@@ -456,6 +492,6 @@ PyMethodDef csm_py_core_methods[] = {
     METHOD(split_distances), METHOD(range_round_up),  METHOD(light_basis),
     METHOD(camera_matrices), METHOD(frustum_corners), METHOD(frustum_planes),
     METHOD(fit_sphere),      METHOD(fit_diameter),    METHOD(frustum_depth_of_box),
-    METHOD(snap_window),     METHOD(fit_cascades),    METHOD(cull_boxes),
-    {NULL, NULL, 0, NULL},
+    METHOD(snap_window),     METHOD(make_warp),       METHOD(fit_cascades),
+    METHOD(cull_boxes),      {NULL, NULL, 0, NULL},
 };
