@@ -12,6 +12,7 @@ from numpy.typing import ArrayLike, NDArray
 
 _Split = Literal[0, 1, 2]  # practical, uniform, logarithmic
 _Snap = Literal[0, 1]  # exact, none
+_Warping = Literal[1, 2, 3]  # lispsm, psm, tsm
 _PassName = Literal["view", "shadow_map", "shadow_mask", "shadow_points"]
 
 class _Camera(Protocol):
@@ -59,6 +60,13 @@ class _Cascades(TypedDict):
     map_size: NDArray[np.intc]  # (n,)
     range_step: int | None
     hold: bytes  # what a later fit takes as held
+
+class _Warp(TypedDict):
+    light_from_world: NDArray[np.float64]  # (4, 4)
+    origin: NDArray[np.float64]  # (2,) of the local coordinates, from the eye [m]
+    extent: NDArray[np.float64]  # (2,) [m]
+    strength: float
+    clip_from_local: NDArray[np.float64]  # (4, 4)
 
 class _RendererInfo(TypedDict):
     backend: str
@@ -125,6 +133,15 @@ def frustum_depth_of_box(camera: _Camera, bounds: ArrayLike) -> float | None: ..
 def snap_window(
     centre: ArrayLike, half_extent: ArrayLike, map_size: int, padding_texels: int, snap: _Snap
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]: ...
+def make_warp(
+    camera: _Camera,
+    to_light: ArrayLike,
+    near: float,
+    far: float,
+    warp: _Warping,
+    map_size: int,
+    padding_texels: int,
+) -> _Warp: ...
 def fit_cascades(
     camera: _Camera,
     to_light: ArrayLike,

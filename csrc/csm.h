@@ -327,7 +327,7 @@ typedef struct csm_receivers {
 /* A perspective warp of the light plane. Local coordinates of a point are (light xy - origin) /
  * extent along the turned axes, y from 0 to 1 over what is held. */
 typedef struct csm_warp {
-    double light_from_world[16]; /* as given, turned about light z: y runs along the warp */
+    double light_from_world[16]; /* the rotation given, turned about light z: y along the warp */
     double origin[2];            /* of the local coordinates, from the eye [m] */
     double extent[2];            /* [m] */
     double strength;             /* w grows from 1 to 1 + strength; the point of projection lies
@@ -371,11 +371,17 @@ typedef struct csm_cascades {
     double uvz_from_world[CSM_MAX_CASCADES][16];
     double texel_size[CSM_MAX_CASCADES][2];
     int64_t lattice[CSM_MAX_CASCADES][2];
+    csm_warp warp[CSM_MAX_CASCADES]; /* set under a warp: clip_from_light is then projective */
     double depth_range[CSM_MAX_CASCADES][2]; /* light-view depths of z = 0 and z = 1 [m] */
     bool bounded;                            /* bounds are those of the scene, as given */
     double bounds[6];
     csm_hold hold; /* for the next frame */
 } csm_cascades;
+
+/* Bounds of the map of cascade i in light x, y (min x, y, max x, y), and the largest side of a
+ * texel anywhere in it [m]. */
+void csm_cascade_window(const csm_cascades *cascades, int i, double out_window[4],
+                        double *out_texel);
 
 /* The first half of a fit: checks desc, fills count, splits, range_step, the hold of both, and the
  * light_from_world that windows start from. */

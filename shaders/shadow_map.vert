@@ -1,12 +1,19 @@
 // shadow_map.vert: casters as the light sees them, in the window of one cascade.
 #include "include/frame.glsl"
 #include "include/vertex.glsl"
+#if CSM_WARPED
+#include "include/warp.glsl"
+#endif
 
 layout(location = 0) uniform int cascade;
 
 void main()
 {
     vec3 position_ls = light_position(origin_from_local(instance, position));
+#if CSM_WARPED
+    gl_Position = warp_clip(warp_local(position_ls.xy, cascade), map_depth(position_ls.z, cascade), cascade);
+#else
     vec4 clip = frame.clip[cascade];
     gl_Position = vec4(turned(position_ls.xy, cascade) * clip.xy + clip.zw, map_depth(position_ls.z, cascade), 1.0);
+#endif
 }

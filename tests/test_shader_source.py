@@ -274,19 +274,20 @@ def test_every_csm_word_of_a_shader_is_defined_for_its_pass(path):
 WORDS = {"vec4": 1, "ivec4": 1, "mat4": 4}  # in units of 16 bytes; std140 pads none of them
 
 
-def block_of_the_shader():
-    """(name, 16-byte words) of every member of the uniform block, in order."""
-    text = (SHADERS / "include/frame.glsl").read_text()
-    body = re.sub(r"//[^\n]*", "", re.search(r"struct frame_values\s*{(.*?)};", text, re.S)[1])
+def block_of_the_shader(block):
+    """(name, 16-byte words) of every member of a uniform block, in order."""
+    text = (SHADERS / f"include/{block}.glsl").read_text()
+    body = re.search(rf"struct {block}_values\s*{{(.*?)}};", text, re.S)[1]
+    body = re.sub(r"//[^\n]*", "", body)
     for kind, names in re.findall(r"(\w+)\s+([^;]+);", body):
         for name, count in re.findall(r"(\w+)(?:\[(\d+)\])?", names):
             yield name, WORDS[kind] * int(count or 1)
 
 
-def struct_of_the_core():
-    """The same of csm_frame_uniforms."""
+def struct_of_the_core(block):
+    """The same of csm_frame_uniforms or csm_warp_uniforms."""
     text = (SHADERS.parent / "csrc/gl/gl_internal.h").read_text()
-    body = re.search(r"typedef struct csm_frame_uniforms {(.*?)}", text, re.S)[1]
+    body = re.search(rf"typedef struct csm_{block}_uniforms {{(.*?)}}", text, re.S)[1]
     body = re.sub(r"/\*.*?\*/", "", body, flags=re.S)
     sizes = {"CSM_MAX_CASCADES": _core.MAX_CASCADES}
     for names in re.findall(r"(?:float|int32_t)\s+([^;]+);", body):
@@ -296,9 +297,10 @@ def struct_of_the_core():
             yield name, int(np.prod(counts)) // 4
 
 
-def test_uniform_block_and_struct_have_the_same_members_at_the_same_offsets():
+@pytest.mark.parametrize("block", ["frame", "warp"])
+def test_uniform_block_and_struct_have_the_same_members_at_the_same_offsets(block):
     # sizes and order give the offsets, as std140 pads no member that fills whole vec4s; that the
     # struct has no padding either is a _Static_assert
-    members = list(block_of_the_shader())
-    assert len(members) > 10
-    assert members == list(struct_of_the_core())
+    members = list(block_of_the_shader(block))
+    assert len(members) > 4
+    assert members == list(struct_of_the_core(block))

@@ -8,6 +8,7 @@
 
 #include <limits.h>
 
+#include "frustum.h"
 #include "linalg.h"
 
 csm_hold csm_hold_none(void) {
@@ -25,6 +26,101 @@ int csm_window_padding(const csm_settings *settings) {
     return csm_settings_kernel_radius(settings) + (int)ceil(fmin(fabs(offset), 65536.0));
 }
 
+/* Points, relative to the eye in world axes, whose hull a warped map must hold: the slice, or the
+ * part of it in the slab where the fit holds less than the slice. */
+static int body_points(const csm_cascades_desc *desc, int i, const csm_cascades *cascades,
+                       const csm_slab *slab, double (*out)[3]) {
+    const int fit = desc->settings->effects[CSM_EFFECT_FIT];
+    const double near_depth = cascades->splits[fit == CSM_FIT_SCENE ? 0 : i];
+    const double far_depth = cascades->splits[i + 1];
+    const double *light = cascades->light_from_world[i];
+    csm_camera camera = desc->camera;
+    if (fit == CSM_FIT_VISIBLE || fit == CSM_FIT_CLIPPED || fit == CSM_FIT_FOCUS) {
+        /* seen from light space, where the slab lies along the axes */
+        mat4_rotate(light, desc->camera.eye, camera.eye);
+        mat4_rotate(light, desc->camera.right, camera.right);
+        mat4_rotate(light, desc->camera.up, camera.up);
+        mat4_rotate(light, desc->camera.backward, camera.backward);
+        double bounds[6];
+        for (int axis = 0; axis < 3; axis++) {
+            bounds[axis] = slab->centre[axis] - slab->half[axis];
+            bounds[axis + 3] = slab->centre[axis] + slab->half[axis];
+        }
+        const int count = csm_frustum_clip_box(&camera, near_depth, far_depth, bounds, out);
+        for (int k = 0; k < count; k++) {
+            double point[3] = {0.0};
+            for (int axis = 0; axis < 3; axis++) {
+                for (int row = 0; row < 3; row++) {
+                    point[axis] += light[4 * axis + row] * out[k][row];
+                }
+            }
+            memcpy(out[k], point, sizeof point);
+        }
+        if (count > 0) {
+            return count;
+        }
+        camera = desc->camera; /* nothing there: any window will do */
+    }
+    memset(camera.eye, 0, sizeof camera.eye);
+    csm_frustum_corners(&camera, near_depth, far_depth, out);
+    return CSM_CORNER_COUNT;
+}
+
+/* The window of a cascade under a warp: basis, texel size, and clip_from_light but for its depth.
+ */
+static csm_status warp_cascade(const csm_cascades_desc *desc, int i, csm_slab *slab,
+                               double out_corner[2], double out_sides[2], csm_cascades *out,
+                               csm_error *err) {
+    double points[CSM_CLIP_MAX][3], eye_ls[3];
+    const csm_settings *settings = desc->settings;
+    csm_warp *warp = &out->warp[i];
+    const int count = body_points(desc, i, out, slab, points);
+    const csm_status status =
+        csm_warp_make(settings->effects[CSM_EFFECT_WARP], &desc->camera, out->light_from_world[i],
+                      (const double(*)[3])points, count, settings->map_size[i],
+                      csm_window_padding(settings), warp, err);
+    if (status != CSM_OK) {
+        return status;
+    }
+    memcpy(out->light_from_world[i], warp->light_from_world, sizeof out->light_from_world[i]);
+    mat4_rotate(warp->light_from_world, desc->camera.eye, eye_ls);
+    double local_from_light[16];
+    memset(local_from_light, 0, sizeof local_from_light);
+    for (int axis = 0; axis < 2; axis++) {
+        local_from_light[5 * axis] = 1.0 / warp->extent[axis];
+        local_from_light[12 + axis] = -(eye_ls[axis] + warp->origin[axis]) / warp->extent[axis];
+    }
+    local_from_light[15] = 1.0;
+    mat4_mul(warp->clip_from_local, local_from_light, out->clip_from_light[i]);
+    double centre[2], window[4], largest;
+    csm_warp_unproject(out->clip_from_light[i], (const double[2]){0.0, 0.0}, out->map_size[i],
+                       centre, out->texel_size[i]);
+    csm_cascade_window(out, i, window, &largest);
+    for (int axis = 0; axis < 2; axis++) {
+        slab->centre[axis] = 0.5 * (window[axis] + window[axis + 2]);
+        slab->half[axis] = 0.5 * (window[axis + 2] - window[axis]);
+        out_corner[axis] = window[axis];
+        out_sides[axis] = window[axis + 2] - window[axis];
+    }
+    return CSM_OK;
+}
+
+/* The window of any other cascade: texel size and lattice. */
+static csm_status snap_cascade(const csm_cascades_desc *desc, int i, const csm_slab *slab,
+                               double out_corner[2], double out_sides[2], csm_cascades *out,
+                               csm_error *err) {
+    const int map_size = out->map_size[i];
+    csm_window window;
+    memcpy(window.centre, slab->centre, sizeof window.centre);
+    memcpy(window.half_extent, slab->half, sizeof window.half_extent);
+    const csm_status status = csm_snap_window(&window, map_size, csm_window_padding(desc->settings),
+                                              desc->settings->effects[CSM_EFFECT_SNAP], out_corner,
+                                              out->texel_size[i], out->lattice[i], err);
+    out_sides[0] = map_size * out->texel_size[i][0];
+    out_sides[1] = map_size * out->texel_size[i][1];
+    return status;
+}
+
 static csm_status fit_cascade(const csm_cascades_desc *desc, int i, csm_cascades *out,
                               csm_error *err) {
     csm_slab slice;
@@ -32,28 +128,26 @@ static csm_status fit_cascade(const csm_cascades_desc *desc, int i, csm_cascades
     if (status != CSM_OK) {
         return status;
     }
-    const int map_size = desc->settings->map_size[i];
-    csm_window window;
-    memcpy(window.centre, slice.centre, sizeof window.centre);
-    memcpy(window.half_extent, slice.half, sizeof window.half_extent);
-    double corner[2];
-    status = csm_snap_window(&window, map_size, csm_window_padding(desc->settings),
-                             desc->settings->effects[CSM_EFFECT_SNAP], corner, out->texel_size[i],
-                             out->lattice[i], err);
+    const bool warped = desc->settings->effects[CSM_EFFECT_WARP] != CSM_WARP_NONE;
+    double corner[2], sides[2], depth, span;
+    out->map_size[i] = desc->settings->map_size[i];
+    status = warped ? warp_cascade(desc, i, &slice, corner, sides, out, err)
+                    : snap_cascade(desc, i, &slice, corner, sides, out, err);
     if (status != CSM_OK) {
         return status;
     }
     const double *light_from_world = out->light_from_world[i];
-    const double sides[2] = {map_size * out->texel_size[i][0], map_size * out->texel_size[i][1]};
-    double depth, span;
     csm_choose_depth_range(desc, light_from_world, &slice, corner, sides, &depth, &span);
-
-    ortho_rh_zo(corner, sides, depth, span, out->clip_from_light[i]);
+    if (warped) {
+        out->clip_from_light[i][10] = -1.0 / span;
+        out->clip_from_light[i][14] = -depth / span;
+    } else {
+        ortho_rh_zo(corner, sides, depth, span, out->clip_from_light[i]);
+    }
     mat4_mul(out->clip_from_light[i], light_from_world, out->clip_from_world[i]);
     static const double uvz_from_clip[16] = {0.5, 0, 0, 0, 0,   0.5, 0, 0,
                                              0,   0, 1, 0, 0.5, 0.5, 0, 1};
     mat4_mul(uvz_from_clip, out->clip_from_world[i], out->uvz_from_world[i]);
-    out->map_size[i] = map_size;
     out->depth_range[i][0] = depth;
     out->depth_range[i][1] = depth + span;
     return CSM_OK;

@@ -102,17 +102,11 @@ void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_c
     memset(out, 0, sizeof *out);
     memcpy(out->light_from_world, cascades->light_from_world[cascade],
            sizeof out->light_from_world);
-    const double *clip_from_light = cascades->clip_from_light[cascade];
-    const double *texel_size = cascades->texel_size[cascade];
-    for (int axis = 0; axis < 2; axis++) {
-        const double half_sides = 1.0 / clip_from_light[5 * axis];
-        const double centre = -clip_from_light[12 + axis] * half_sides;
-        out->window[axis] = centre - half_sides;
-        out->window[axis + 2] = centre + half_sides;
-    }
+    double texel;
+    csm_cascade_window(cascades, cascade, out->window, &texel);
     /* One texel more: half of it to the centre of the texel that a lookup falls into, the rest for
      * the rasteriser's own snapping. */
-    out->margin = (margin_texels + 1.0) * fmax(texel_size[0], texel_size[1]);
+    out->margin = (margin_texels + 1.0) * texel;
     out->lowest_z = -INFINITY;
     if (!whole_window) {
         /* By map, a cascade also serves what its window holds of the slices behind its own. */

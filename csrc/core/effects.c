@@ -140,6 +140,7 @@ void csm_settings_canonical_placement(csm_settings *settings) {
     }
     if (effects[CSM_EFFECT_WARP] != CSM_WARP_NONE) {
         reset(settings, CSM_EFFECT_TURNED); /* a warp turns its windows itself */
+        reset(settings, CSM_EFFECT_LIGHT_BASIS);
     }
     if (effects[CSM_EFFECT_TURNED] || effects[CSM_EFFECT_WARP] != CSM_WARP_NONE) {
         effects[CSM_EFFECT_SNAP] = CSM_SNAP_NONE; /* their texels are not the world's */
@@ -163,6 +164,7 @@ void csm_settings_canonical_placement(csm_settings *settings) {
          effects[CSM_EFFECT_WARP] != CSM_WARP_NONE || effects[CSM_EFFECT_CASCADE_COUNT] == 1)) {
         effects[CSM_EFFECT_CULL] = CSM_CULL_INCLUSIVE;
     }
+    effects[CSM_EFFECT_WARPED] = effects[CSM_EFFECT_WARP] != CSM_WARP_NONE;
     effects[CSM_EFFECT_SKEWED] = effects[CSM_EFFECT_LIGHT_BASIS] == CSM_LIGHT_BASIS_WORLD;
 }
 

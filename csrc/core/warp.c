@@ -31,11 +31,7 @@ typedef struct body {
     int count;
     const csm_camera *camera;
     double nearest, farthest; /* view depths */
-    double plane_x[3];        /* light x and y as world vectors: dot products with points */
-    double plane_y[3];        /* give them */
-    double light_x[3];        /* world vectors whose light x, y, z are (1, 0, 0) and (0, 1, 0) */
-    double light_y[3];
-    double ray[3]; /* along the light, of unit length, either sense */
+    double light[3][3];       /* axes of light space: dot products with points give x, y, z */
 } body;
 
 /* A direction in the light plane as a world vector, and the body's reach along it. */
@@ -56,21 +52,10 @@ static body describe(const csm_camera *camera, const double light_from_world[16]
                 .camera = camera,
                 .nearest = INFINITY,
                 .farthest = -INFINITY};
-    double plane_z[3];
-    for (int column = 0; column < 3; column++) {
-        out.plane_x[column] = light_from_world[4 * column];
-        out.plane_y[column] = light_from_world[4 * column + 1];
-        plane_z[column] = light_from_world[4 * column + 2];
-    }
-    vec3_cross(out.plane_y, plane_z, out.light_x);
-    vec3_cross(plane_z, out.plane_x, out.light_y);
-    vec3_cross(out.plane_x, out.plane_y, out.ray);
-    const double volume = vec3_dot(out.plane_x, out.light_x); /* 1 for a rotation */
-    const double length = sqrt(vec3_dot(out.ray, out.ray));
-    for (int i = 0; i < 3; i++) {
-        out.light_x[i] /= volume;
-        out.light_y[i] /= volume;
-        out.ray[i] /= length;
+    for (int row = 0; row < 3; row++) {
+        for (int column = 0; column < 3; column++) {
+            out.light[row][column] = light_from_world[4 * column + row];
+        }
     }
     for (int i = 0; i < count; i++) {
         const double depth = depth_of(&out, points[i]);
@@ -85,7 +70,7 @@ static warp_axis axis_along(const body *held, double x, double y) {
     const double length = hypot(x, y);
     warp_axis out = {.light = {x / length, y / length}, .start = INFINITY};
     for (int i = 0; i < 3; i++) {
-        out.world[i] = out.light[0] * held->plane_x[i] + out.light[1] * held->plane_y[i];
+        out.world[i] = out.light[0] * held->light[0][i] + out.light[1] * held->light[1][i];
     }
     double end = -INFINITY;
     for (int i = 0; i < held->count; i++) {
@@ -102,7 +87,8 @@ static warp_axis axis_along(const body *held, double x, double y) {
  * its size on the screen. The error of Wimmer et al., over the whole body instead of its axis. It
  * is convex in each piece between points, so a corner has the largest. *out_rising: whether a
  * greater strength makes it worse. */
-static double worst_texel(const body *held, const warp_axis *along, double strength, bool *out_rising) {
+static double worst_texel(const body *held, const warp_axis *along, double strength,
+                          bool *out_rising) {
     double worst = 0.0;
     for (int i = 0; i < held->count; i++) {
         const double b = (vec3_dot(along->world, held->points[i]) - along->start) / along->length;
@@ -186,10 +172,10 @@ static bool perspective_axis(const body *held, const double centre[3], double sl
     }
     double q[3], squared = 0.0;
     for (int row = 0; row < 3; row++) {
-        q[row] = vec3_dot(r[row], held->ray);
+        q[row] = vec3_dot(r[row], held->light[2]);
         squared += q[row] * q[row];
     }
-    const double light_w = -vec3_dot(camera->backward, held->ray);
+    const double light_w = -vec3_dot(camera->backward, held->light[2]);
     for (int i = 0; i < 3; i++) {
         divisor[i] = -camera->backward[i];
         for (int row = 0; row < 3; row++) {
@@ -197,7 +183,7 @@ static bool perspective_axis(const body *held, const double centre[3], double sl
         }
     }
     const double base = slide - light_w * q[2] / squared * ((ratio - 0.5) * slide - ratio * n);
-    const double x = vec3_dot(divisor, held->light_x), y = vec3_dot(divisor, held->light_y);
+    const double x = vec3_dot(divisor, held->light[0]), y = vec3_dot(divisor, held->light[1]);
     if (!(hypot(x, y) > 0.0)) {
         *out_strength = 0.0;
         return true; /* no axis: out_along stays as it was */
@@ -303,9 +289,9 @@ csm_status csm_warp_make(int kind, const csm_camera *camera, const double light_
             centre[i] += camera->centre[0] * camera->right[i] + camera->centre[1] * camera->up[i];
         }
     }
-    vec3_cross(centre, held.ray, beside);
+    vec3_cross(centre, held.light[2], beside);
     const double sine = sqrt(vec3_dot(beside, beside) / vec3_dot(centre, centre));
-    const double x = vec3_dot(held.plane_x, centre), y = vec3_dot(held.plane_y, centre);
+    const double x = vec3_dot(held.light[0], centre), y = vec3_dot(held.light[1], centre);
     const bool aside = hypot(x, y) > 0.0;
     warp_axis along = axis_along(&held, aside ? x : 0.0, aside ? y : 1.0);
     double strength = 0.0;
@@ -346,8 +332,34 @@ void csm_warp_unproject(const double clip_from_light[16], const double clip[2], 
     slopes[0][1] = -lines[1][0];
     slopes[1][0] = -lines[0][1];
     slopes[1][1] = lines[0][0];
-    for (int axis = 0; axis < 2; axis++) {
-        out_texel[axis] =
-            fabs(2.0 * w / (area * map_size)) * hypot(slopes[axis][0], slopes[axis][1]);
+    for (int row = 0; row < 2; row++) {
+        out_texel[row] = fabs(2.0 * w / (area * map_size)) * hypot(slopes[row][0], slopes[row][1]);
+    }
+}
+
+void csm_cascade_window(const csm_cascades *cascades, int i, double out_window[4],
+                        double *out_texel) {
+    const double *clip_from_light = cascades->clip_from_light[i];
+    const double *texel_size = cascades->texel_size[i];
+    if (clip_from_light[3] == 0.0 && clip_from_light[7] == 0.0) {
+        for (int row = 0; row < 2; row++) {
+            const double half_sides = 1.0 / clip_from_light[5 * row];
+            const double centre = -clip_from_light[12 + row] * half_sides;
+            out_window[row] = centre - half_sides;
+            out_window[row + 2] = centre + half_sides;
+        }
+        *out_texel = fmax(texel_size[0], texel_size[1]);
+        return;
+    }
+    *out_texel = 0.0;
+    for (int corner = 0; corner < 4; corner++) {
+        const double clip[2] = {corner % 2 ? 1.0 : -1.0, corner / 2 ? 1.0 : -1.0};
+        double position[2], texel[2];
+        csm_warp_unproject(clip_from_light, clip, cascades->map_size[i], position, texel);
+        *out_texel = fmax(*out_texel, fmax(texel[0], texel[1]));
+        for (int row = 0; row < 2; row++) {
+            out_window[row] = corner ? fmin(out_window[row], position[row]) : position[row];
+            out_window[row + 2] = corner ? fmax(out_window[row + 2], position[row]) : position[row];
+        }
     }
 }

@@ -180,6 +180,18 @@ _Static_assert(sizeof(csm_frame_uniforms) ==
                    16 * (3 + 2 + 3 + 1 + 4 + 3 + 3 + 1) + 6 * 16 * CSM_MAX_CASCADES,
                "std140 of frame.glsl has no padding");
 
+/* The block of shaders/include/warp.glsl, there only under a warp. */
+typedef struct csm_warp_uniforms {
+    float along_x[CSM_MAX_CASCADES][4]; /* light x, y to local x: two factors, offset */
+    float along_y[CSM_MAX_CASCADES][4];
+    float across[CSM_MAX_CASCADES][4]; /* clip x w of local x, y, 1; bias constant in texels */
+    float rows[CSM_MAX_CASCADES][4];   /* clip y w, then w, of local y and 1 */
+    float metres[CSM_MAX_CASCADES][4]; /* light x, y [m] of a step in local x, then in local y */
+} csm_warp_uniforms;
+
+_Static_assert(sizeof(csm_warp_uniforms) == 5 * 16 * CSM_MAX_CASCADES,
+               "std140 of warp.glsl has no padding");
+
 /* -- renderer.c -----------------------------------------------------------------------------------
  */
 
@@ -199,7 +211,7 @@ struct csm_renderer {
     csm_host_buffer buffers[CSM_BUFFER_COUNT];
     GLuint points_in;
     GLsizeiptr points_in_size;
-    GLuint frame_uniforms;
+    GLuint frame_uniforms, warp_uniforms; /* the second only while a warped frame renders */
     GLuint view_framebuffer, map_framebuffer, nearest_sampler, compare_sampler;
     csm_timer timer;
     csm_draw_list draws;
@@ -248,6 +260,7 @@ void csm_draw_list_drop(csm_renderer *renderer);
 /* uniforms.c */
 void csm_frame_write_view(csm_frame *frame);
 void csm_frame_write_cascades(csm_frame *frame);
+void csm_frame_write_warps(const csm_frame *frame, csm_warp_uniforms *out);
 
 /* timer.c */
 void csm_timer_start(csm_renderer *renderer);

@@ -351,6 +351,13 @@ static csm_status place_cascades(csm_frame *frame, csm_error *err) {
     if (status == CSM_OK && frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE) {
         csm_frame_write_cascades(frame);
     }
+    if (status == CSM_OK && frame->settings.effects[CSM_EFFECT_WARPED]) {
+        csm_warp_uniforms warps;
+        csm_frame_write_warps(frame, &warps);
+        frame->renderer->warp_uniforms =
+            csm_buffer_make(frame->renderer, "warp", sizeof warps, &warps, 0);
+        frame->renderer->gl.BindBufferBase(GL_UNIFORM_BUFFER, 1, frame->renderer->warp_uniforms);
+    }
     upload_uniforms(frame);
     return status;
 }
@@ -412,6 +419,7 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
         return status;
     }
     status = render_bound(&frame, err);
+    csm_buffer_drop(renderer, &renderer->warp_uniforms);
     leave(renderer, &saved);
     return status;
 }

@@ -55,6 +55,7 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
     double span = cascades->depth_range[i][1] - cascades->depth_range[i][0];
     double half_side = 0.5 * cascades->map_size[i];
     double largest = texel[0] > texel[1] ? texel[0] : texel[1];
+    bool warped = frame->settings.effects[CSM_EFFECT_WARPED];
     double quantum = csm_depth_quantum(frame->settings.effects[CSM_EFFECT_DEPTH_FORMAT]);
     double origin_ls[3];
     for (int row = 0; row < 3; row++) {
@@ -82,7 +83,7 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
     uniforms->depth[i][0] = (float)(-1.0 / span);
     uniforms->depth[i][1] = (float)((-origin_ls[2] - cascades->depth_range[i][0]) / span);
     uniforms->depth[i][2] =
-        (float)(bias->constant_texels * largest / span + bias->quanta * quantum);
+        (float)((warped ? 0.0 : bias->constant_texels * largest / span) + bias->quanta * quantum);
     uniforms->depth[i][3] = (float)largest;
     uniforms->slope[i][2] = (float)cascades->splits[i + 1];
     /* by hand a bias is in texels of the larger side; the automatic one is as small as each side
@@ -122,5 +123,35 @@ void csm_frame_write_cascades(csm_frame *frame) {
     }
     for (int i = 0; i < cascades->count; i++) {
         write_cascade(frame, i, &bias, uniforms);
+    }
+}
+
+/* Local coordinates are those of csm_warp, from the scene's origin instead of the eye. */
+void csm_frame_write_warps(const csm_frame *frame, csm_warp_uniforms *out) {
+    const csm_cascades *cascades = &frame->out->cascades;
+    const double *base = cascades->light_from_world[0];
+    const csm_bias bias = csm_settings_bias(&frame->settings);
+    memset(out, 0, sizeof *out);
+    for (int i = 0; i < cascades->count; i++) {
+        const csm_warp *warp = &cascades->warp[i];
+        const double *light = cascades->light_from_world[i], *clip = warp->clip_from_local;
+        for (int row = 0; row < 2; row++) {
+            float *along = row == 0 ? out->along_x[i] : out->along_y[i];
+            double offset = -warp->origin[row], turned[2] = {0.0, 0.0};
+            for (int axis = 0; axis < 3; axis++) {
+                const double here = light[4 * axis + row];
+                offset += here * (frame->desc->scene->origin[axis] - frame->desc->camera.eye[axis]);
+                turned[0] += here * base[4 * axis];
+                turned[1] += here * base[4 * axis + 1];
+            }
+            for (int column = 0; column < 2; column++) {
+                along[column] = (float)(turned[column] / warp->extent[row]);
+                out->metres[i][2 * row + column] = (float)(turned[column] * warp->extent[row]);
+            }
+            along[2] = (float)(offset / warp->extent[row]);
+        }
+        to_floats((const double[4]){clip[0], clip[4], clip[12], bias.constant_texels}, 4,
+                  out->across[i]);
+        to_floats((const double[4]){clip[5], clip[13], clip[7], clip[15]}, 4, out->rows[i]);
     }
 }

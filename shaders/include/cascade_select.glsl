@@ -1,5 +1,9 @@
 // cascade_select.glsl: which cascade answers for a receiver.
 
+#if CSM_WARPED
+#include "include/warp_select.glsl"
+#else
+
 // A receiver in the window of one cascade, not yet biased.
 struct candidate
 {
@@ -15,7 +19,7 @@ struct candidate
 // False if the kernel would leave the map or the depth range.
 bool place_in_map(receiver point, int cascade, out candidate here)
 {
-    vec3 position_ls = light_position(offset_position(point, cascade));
+    vec3 position_ls = light_position(offset_position(point, frame.depth[cascade].w));
     here.cascade = cascade;
     here.texels = lattice_texels(turned(position_ls.xy, cascade), cascade);
     here.z = map_depth(position_ls.z, cascade);
@@ -37,6 +41,19 @@ bool place_in_map(receiver point, int cascade, out candidate here)
 #endif
     return inside && abs(z - 0.5) <= 0.5;
 }
+
+// Change of depth from texel to texel on a plane: as it is, and as a bias counts it.
+vec2 plane_slope(candidate chosen, vec2 gradient)
+{
+    return gradient * chosen.slope.xy;
+}
+
+vec2 bias_slope(candidate chosen, vec2 gradient)
+{
+    return gradient * max(chosen.slope.xy, chosen.slope.z);
+}
+
+#endif
 
 // Every cascade is tried with a constant index and the first that fits is kept.
 candidate choose_cascade(receiver point)
@@ -66,17 +83,15 @@ map_receiver select_cascade(receiver point)
 {
     candidate chosen = choose_cascade(point);
     vec2 gradient = turned(depth_gradient(point), min(chosen.cascade, CSM_CASCADE_COUNT - 1));
-    vec2 texel_slope = gradient * chosen.slope.xy;
-    vec2 bias_slope = gradient * max(chosen.slope.xy, chosen.slope.z);
     vec2 whole = floor(chosen.texels);
     map_receiver at;
     at.cascade = chosen.cascade;
     at.size = int(chosen.centre.w);
     at.texel = ivec2(whole - (chosen.centre.xy - chosen.centre.z));
     at.fraction = chosen.texels - whole;
-    at.z = chosen.z - depth_bias(point, bias_slope, chosen.constant_bias, chosen.scale);
+    at.z = chosen.z - depth_bias(point, bias_slope(chosen, gradient), chosen.constant_bias, chosen.scale);
 #if CSM_RECEIVER_PLANE
-    at.slope = plane_known(point) ? texel_slope : vec2(0.0);
+    at.slope = plane_known(point) ? plane_slope(chosen, gradient) : vec2(0.0);
 #else
     at.slope = vec2(0.0);
 #endif

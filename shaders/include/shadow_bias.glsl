@@ -18,11 +18,12 @@ vec2 depth_gradient(receiver point)
     return normal_ls.xy / max(normal_ls.z, 1.0 / max_slope_tangent);
 }
 
-vec3 offset_position(receiver point, int cascade)
+// The receiver moved along its normal, by the offset in texels of a side [m].
+vec3 offset_position(receiver point, float texel)
 {
 #if CSM_NORMAL_OFFSET
     float sine = length(cross(point.normal, frame.to_light.xyz));
-    return point.position + point.normal * (frame.bias.y * frame.depth[cascade].w * sine);
+    return point.position + point.normal * (frame.bias.y * texel * sine);
 #else
     return point.position;
 #endif

@@ -1,0 +1,34 @@
+// warp.glsl: perspective warps of the light plane (docs/numerics.md 21); mirrored by csm_warp_uniforms in
+// gl_internal.h, and bound only under a warp.
+//
+// A map's local coordinates are light x, y in units of what it holds, y from 0 to 1 along the warp. w depends on local
+// y alone, so that light rays stay parallel to the depth axis. In this form nothing cancels, however weak the warp.
+
+struct warp_values
+{
+    vec4 along_x[8];    // light x, y to local x: two factors, offset
+    vec4 along_y[8];
+    vec4 across[8];     // clip x times w of local x, y, 1; constant bias [texels]
+    vec4 rows[8];       // clip y times w of local y and 1; w of local y and 1
+    vec4 metres[8];     // light x, y [m] of a step in local x, then in local y
+};
+
+layout(std140, binding = 1) uniform warp_block
+{
+    warp_values warp_uniforms;
+};
+
+warp_values warp = warp_uniforms; // in registers, as frame
+
+vec2 warp_local(vec2 light_xy, int cascade)
+{
+    return vec2(dot(warp.along_x[cascade].xy, light_xy) + warp.along_x[cascade].z,
+                dot(warp.along_y[cascade].xy, light_xy) + warp.along_y[cascade].z);
+}
+
+vec4 warp_clip(vec2 local, float depth, int cascade)
+{
+    vec4 across = warp.across[cascade], rows = warp.rows[cascade];
+    return vec4(across.x * local.x + across.y * local.y + across.z, rows.x * local.y + rows.y, depth,
+                rows.z * local.y + rows.w);
+}
