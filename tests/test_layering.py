@@ -178,9 +178,9 @@ ORDER = [
     "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "shapes",
     "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings",
     "splits", "cascades", "plans", "frame", "renderer", "embree", "tracing", "metrics", "checks",
-    "sweeps", "reports", "recommendation", "director", "export", "pictures", "outlines", "plot_style",
-    "plot_windows", "plot_frames", "plot", "results",
-    "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
+    "sweeps", "reports", "recommendation", "director", "export", "pictures", "outlines",
+    "plot_style", "plot_windows", "plot_frames", "plot", "results", "progress",
+    "hard_cases", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {"embree", "tracing", "metrics", "checks"}  # of arrays, also somebody else's
 LAZY = {
