@@ -39,6 +39,7 @@ FACES = np.array(
 )
 SQUARE = np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)])
 LEAST_W = 1e-9  # nearer to the eye of a warped map nothing has an image
+HALF_FOR_SURE = 1e-6  # texels, above what rounding leaves of a half
 NO_CASCADE = 255
 
 
@@ -238,8 +239,8 @@ def lattice_phases(path, cascade, point):
     Returns
     -------
     phases : (m, 2) float64
-        Along u and v in texels, relative to the first frame, -0.5 to 0.5. All 0 where the texel
-        grid falls onto itself.
+        Along u and v in texels, relative to the first frame, above -0.5 and up to 0.5. All 0 where
+        the texel grid falls onto itself.
     """
     point = np.asarray(point, np.float64)
     texels = np.array(
@@ -249,7 +250,9 @@ def lattice_phases(path, cascade, point):
         ]
     )
     moved = texels - texels[0]
-    return moved - np.round(moved)
+    moved -= np.round(moved)
+    # Half a texel either way is one place, whichever way its last bits point.
+    return np.where(moved < HALF_FOR_SURE - 0.5, moved + 1.0, moved)
 
 
 def pixel_points(frame):

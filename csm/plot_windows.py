@@ -17,7 +17,8 @@ from .spaces import as_number, as_whole, transform_points
 
 __all__ = ["ground_texels", "light_plan", "light_view", "plan", "view_3d"]
 
-SHARE_OF_TRIANGLES = 20_000  # of a scene, drawn in space at most
+MOST_TRIANGLES = 20_000  # of a scene drawn in space
+BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.12), "ncols": 2}
 
 
 def plan(cascades, camera, *, height=0.0, ax=None):
@@ -52,7 +53,7 @@ def plan(cascades, camera, *, height=0.0, ax=None):
     ax.set_xlabel("east, world x [m]")
     ax.set_ylabel("north, −z [m]")
     heading(ax, f"slices (filled), and windows where they meet y = {height:g} m")
-    cascade_legend(ax, _texel_labels(cascades), title="cascade", loc="best")
+    cascade_legend(ax, _texel_labels(cascades), **BELOW)
     return ax
 
 
@@ -91,7 +92,7 @@ def light_plan(cascades, camera, *, points=None, ax=None):
     ax.set_xlabel("light x [m]")
     ax.set_ylabel("light y [m]")
     heading(ax, "slices (filled) and windows along the light")
-    cascade_legend(ax, _texel_labels(cascades), title="cascade", loc="best")
+    cascade_legend(ax, _texel_labels(cascades), **BELOW)
     return ax
 
 
@@ -279,7 +280,7 @@ def _scene_in_space(ax, scene, low, high):
     corners = _upright(np.asarray(positions, np.float64)[triangles])
     centre = corners.mean(axis=1)
     corners = corners[((centre >= low) & (centre <= high)).all(axis=1)]
-    corners = corners[:: -(-len(corners) // SHARE_OF_TRIANGLES) or 1]
+    corners = corners[:: -(-len(corners) // MOST_TRIANGLES) or 1]
     normal = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
     length = np.linalg.norm(normal, axis=1)
     up = np.abs(normal[:, 2]) / np.where(length > 0.0, length, 1.0)

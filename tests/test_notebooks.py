@@ -1,0 +1,99 @@
+"""Notebooks: they run from top to bottom, leave nothing, and say what the numbers say."""
+
+import re
+import runpy
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+pytest.importorskip("matplotlib", reason="notebooks draw (extra: notebooks)").use("Agg")
+pytest.importorskip("embreex", reason="notebooks compare with csm.truth (extra: notebooks)")
+plt = pytest.importorskip("matplotlib.pyplot")
+
+FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
+NOTEBOOKS = sorted(FOLDER.glob("*.py"))
+
+
+@pytest.fixture(scope="module")
+def outcome(tmp_path_factory):
+    """Function from a notebook's name to its variables and figures; each runs once."""
+    kept = {}
+
+    def run(name):
+        if name not in kept:
+            plt.close("all")
+            folder = tmp_path_factory.mktemp("notebook")
+            with pytest.MonkeyPatch.context() as patch:
+                patch.chdir(folder)
+                # Shown is what a reader sees; closing is left to the fixture.
+                patch.setattr(plt, "show", lambda: None)
+                variables = runpy.run_path(str(FOLDER / name))
+            kept[name] = variables, [plt.figure(n) for n in plt.get_fignums()]
+            assert not list(folder.iterdir()), "a notebook saves nothing unless asked"
+        return kept[name]
+
+    yield run
+    plt.close("all")
+
+
+def test_there_are_notebooks():
+    assert {path.name for path in NOTEBOOKS} >= {"02_splits.py"}
+    assert not list(FOLDER.glob("*.ipynb")), "scripts in the percent format alone: no outputs"
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_cells_are_prose_and_short_code(path):
+    text = path.read_text()
+    cells = re.split(r"^# %%", text, flags=re.MULTILINE)[1:]
+    prose = [cell for cell in cells if cell.startswith(" [markdown]")]
+    code = [cell for cell in cells if not cell.startswith(" [markdown]")]
+    assert "format_name: percent" in text.split("# %%")[0]
+    assert prose[0].splitlines()[1].startswith("# # ")
+    assert all(re.fullmatch(r"#( .*)?", line) for c in prose for line in c.strip().splitlines()[1:])
+    assert len(prose) >= 0.6 * len(code)
+    assert max(len(cell.strip().splitlines()) for cell in code) <= 36
+
+
+@pytest.mark.parametrize("path", NOTEBOOKS, ids=lambda path: path.name)
+def test_notebook_runs_and_its_pictures_are_labelled(path, outcome):
+    _, figures = outcome(path.name)
+    assert 5 <= len(figures) <= 20
+    for figure in figures:
+        assert figure.axes
+        for ax in figure.axes:
+            if ax.get_label() == "<colorbar>":
+                assert ax.get_ylabel()
+                continue
+            assert ax.get_title(loc="left")
+            assert not ax.get_title(), "two titles over one picture"
+            if not len(ax.get_xticks()):  # a picture of pixels
+                assert not ax.get_xlabel() + ax.get_ylabel()
+                continue
+            rows = "".join(label.get_text() for label in ax.get_yticklabels())
+            assert ax.get_xlabel()
+            assert ax.get_ylabel() or re.search(r"[a-z]{3}", rows), "numbers without a name"
+
+
+def test_splits_notebook_shows_what_it_says(outcome):
+    variables, _ = outcome("02_splits.py")
+    fitted = variables["cascades"]
+    ratios = fitted["logarithmic"].splits[1:] / fitted["logarithmic"].splits[:-1]
+    assert np.allclose(ratios, ratios[0])
+    first = {name: one.splits[1] for name, one in fitted.items()}
+    assert first["uniform"] > first["practical, λ = 0.5"] > first["practical, λ = 0.9"]
+    # "Here only the last few percent of λ help".
+    wrong = dict(zip(variables["lams"], variables["wrong"], strict=True))
+    assert wrong[0.5] > 10 * wrong[1.0]
+    assert wrong[0.9] > 3 * wrong[1.0]
+
+
+def test_page_of_pictures_shows_what_its_script_draws():
+    docs = FOLDER.parent / "docs"
+    shown = re.findall(r"!\[([^\]]+)\]\((images/\w+\.png)\)", (docs / "pictures.md").read_text())
+    script = (FOLDER.parent / "scripts" / "pictures_page.py").read_text()
+    drawn = re.findall(r'"(\w+)": \1\b', script)
+    assert sorted(name for _, name in shown) == sorted(f"images/{name}.png" for name in drawn)
+    for words, name in shown:
+        assert len(words) > 30, "said in words for those who cannot see it"
+        assert 5_000 < (docs / name).stat().st_size < 150_000
