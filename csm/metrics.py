@@ -242,6 +242,7 @@ def undersampling(frame, truth):
     A step of one texel moves the shadow's sample along the surface; m is the largest stretch of
     that map from texels to pixels (the largest singular value of its Jacobian), at most 1 where
     the map is as fine as the picture. It grows without bound as the surface turns from the sun.
+    Texels are where `uvz_from_world` puts them, so a skewed light and a warp count as they are.
 
     Parameters
     ----------
@@ -260,13 +261,17 @@ def undersampling(frame, truth):
     rows, columns = np.nonzero(truth.facing & (index != NO_CASCADE))
     cascade = index[rows, columns]
     point, normal = truth.position[rows, columns], truth.normal[rows, columns]
-    camera, to_light = truth.camera, truth.sun.to_light
+    camera = truth.camera
 
-    axes = np.asarray(frame.cascades.light_from_world)[cascade, :2, :3]  # light x and y, in world
-    texel = np.asarray(frame.cascades.texel_size)[cascade]
-    # Along the light onto the tangent plane: B - L (B . n) / (L . n).
-    slope = np.einsum("mkj,mj->mk", axes, normal) / (normal @ to_light)[:, None]
-    step = texel[..., None] * (axes - slope[..., None] * to_light)
+    # Gradients of u and v in texels; a step of one texel is what they are dual to in the surface.
+    uvz = np.asarray(frame.cascades.uvz_from_world)[cascade]
+    w = np.einsum("mk,mk->m", uvz[:, 3, :3], point) + uvz[:, 3, 3]
+    uv = (np.einsum("mak,mk->ma", uvz[:, :2, :3], point) + uvz[:, :2, 3]) / w[:, None]
+    gradient = (uvz[:, :2, :3] - uv[..., None] * uvz[:, 3:, :3]) / w[:, None, None]
+    gradient *= np.asarray(frame.cascades.map_size)[cascade][:, None, None]
+    across_v, across_u = (np.cross(gradient[:, k], normal) for k in (1, 0))
+    volume = np.einsum("mk,mk->m", gradient[:, 0], across_v)
+    step = np.stack([across_v, -across_u], axis=1) / volume[:, None, None]
 
     width, height = camera.size
     pixels = np.array([0.5 * width / camera.half_width, -0.5 * height / camera.half_height])

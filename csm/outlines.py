@@ -331,23 +331,54 @@ def texel_boxes(frame):
     for i, depth in enumerate(frame.shadow_maps):
         size = int(cascades.map_size[i])
         v, u = np.nonzero(depth < 1.0)
-        stored = depth[v, u].astype(np.float64)
-        world_from_uvz = np.linalg.inv(cascades.uvz_from_world[i])
-        centres = np.column_stack([(u + 0.5) / size, (v + 0.5) / size, stored])
-        left = first_map(cascades, transform_points(world_from_uvz, centres)) >= i
-        u, v, stored = u[left], v[left], stored[left]
-        if not len(u):
-            continue
-        thick = cascades.texel_size[i].max() / np.ptp(cascades.depth_range[i])
-        lower = np.column_stack([u / size, v / size, stored])
-        upper = np.column_stack([(u + 1) / size, (v + 1) / size, stored + thick])
-        positions, triangles = shapes.boxes(lower, upper)
-        meshes.append(
-            Mesh(transform_points(world_from_uvz, positions), triangles, name=f"cascade {i}")
-        )
+        uvz = np.column_stack([(u + 0.5) / size, (v + 0.5) / size, depth[v, u].astype(np.float64)])
+        centres = transform_points(np.linalg.inv(cascades.uvz_from_world[i]), uvz)
+        left = first_map(cascades, centres) >= i
+        if left.any():
+            corners = _box_corners(cascades, i, uvz[left, :2], centres[left])
+            _, triangles = shapes.boxes(*np.zeros((2, len(corners), 3)))
+            meshes.append(Mesh(corners.reshape(-1, 3), triangles, name=f"cascade {i}"))
     if not meshes:
         raise ValueError("frame.shadow_maps hold no caster: there is no texel to draw")
     return Scene(meshes, name="texels")
+
+
+def _box_corners(cascades, cascade, uv, points):
+    """Corners (m, 8, 3) of boxes between the light rays through the corners of texels.
+
+    The faces towards the light hold the points (m, 3): one depth all over where the map has no
+    warp, across the light otherwise. A box is as thick as its texel is wide there.
+    """
+    world_from_uvz = np.linalg.inv(cascades.uvz_from_world[cascade])
+    unit_box = shapes.box((-0.5, -0.5, 0.0), (0.5, 0.5, 1.0))[0]
+    corner_uv = uv[:, None] + unit_box[:, :2] / int(cascades.map_size[cascade])
+    near, far = (
+        transform_points(
+            world_from_uvz, np.concatenate([corner_uv, np.full((len(uv), 8, 1), z)], axis=-1)
+        )
+        for z in (0.0, 1.0)
+    )
+    down = -to_light(cascades, cascade)
+    if not is_warped(cascades, cascade):
+        down = cascades.uvz_from_world[cascade, 2, :3]
+        down = down / np.linalg.norm(down)
+    along = (far - near) / ((far - near) @ down)[..., None]
+    front = near + ((points @ down)[:, None] - near @ down)[..., None] * along
+    edges = front[:, (1, 4)] - front[:, :1]  # along u and v
+    thick = np.linalg.norm(edges, axis=-1).max(axis=1)
+    return front + (thick[:, None] * unit_box[:, 2])[..., None] * along
+
+
+def to_light(cascades, cascade):
+    """Unit vector (3,) along a map's light rays, towards the sun."""
+    ends = window_corners(cascades, cascade)
+    towards = ends[0] - ends[4]
+    return towards / np.linalg.norm(towards)
+
+
+def is_warped(cascades, cascade):
+    """Whether texels of a map differ in size."""
+    return not np.array_equal(cascades.uvz_from_world[cascade, 3], (0.0, 0.0, 0.0, 1.0))
 
 
 def first_map(cascades, points):

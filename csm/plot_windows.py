@@ -48,7 +48,7 @@ def plan(cascades, camera, *, height=0.0, ax=None):
             ax.plot(*np.vstack([window, window[:1]]).T, color=CASCADE_COLOURS[i], lw=1.6)
     eye = camera.eye[[0, 2]] * (1, -1)
     ax.plot(*eye, "o", color=INK, ms=4)
-    _light_arrow(ax, cascades.light_from_world[0, 2, :3][[0, 2]] * (-1, 1))
+    _light_arrow(ax, outlines.to_light(cascades, 0)[[0, 2]] * (-1, 1))
     ax.set_aspect("equal")
     ax.set_xlabel("east, world x [m]")
     ax.set_ylabel("north, −z [m]")
@@ -198,7 +198,8 @@ def light_view(cascades, camera, cascade=0, *, shadow_map=None, select="map", ax
     ax.set_xlabel("u [texels]")
     ax.set_ylabel("v [texels]")
     side = as_length(cascades.texel_size[cascade].max())
-    heading(ax, f"cascade {cascade}: {used.mean():.0%} of {size}² texels used, {side} each")
+    where = "in the middle" if outlines.is_warped(cascades, cascade) else "each"
+    heading(ax, f"cascade {cascade}: {used.mean():.0%} of {size}² texels used, {side} {where}")
     return ax
 
 
@@ -237,7 +238,7 @@ def ground_texels(cascades, cascade=0, *, camera=None, height=0.0, lines=32, ax=
     grid = grid[np.isfinite(grid).all(axis=(1, 2))]
     ax.add_collection(LineCollection(grid, colors=CASCADE_COLOURS[cascade], lw=0.6))
     ax.autoscale_view()
-    _light_arrow(ax, cascades.light_from_world[cascade, 2, :3][[0, 2]] * (-1, 1))
+    _light_arrow(ax, outlines.to_light(cascades, cascade)[[0, 2]] * (-1, 1))
     ax.set_aspect("equal")
     ax.set_xlabel("east, world x [m]")
     ax.set_ylabel("north, −z [m]")

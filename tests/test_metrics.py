@@ -215,8 +215,12 @@ def plane_view(camera, sun, normal, texels):
     position = source + distance[..., None] * direction
     shape = (height, width)
     index = np.broadcast_to(np.arange(width) * len(texels) // width, shape).astype(np.uint8)
-    light = np.broadcast_to(light_from_world(sun.to_light), (len(texels), 4, 4))
-    cascades = SimpleNamespace(light_from_world=light, texel_size=np.asarray(texels, float))
+    size = 100
+    texels_from_light = [np.diag([1.0 / (size * x), 1.0 / (size * y), 1.0, 1.0]) for x, y in texels]
+    cascades = SimpleNamespace(
+        uvz_from_world=np.array(texels_from_light) @ light_from_world(sun.to_light),
+        map_size=np.full(len(texels), size),
+    )
     ones = np.ones(shape, bool)
     frame = FakeFrame(np.ones(shape), ones, index, camera, sun, cascades)
     normals = np.broadcast_to(normal, (*shape, 3))
@@ -250,6 +254,32 @@ def test_undersampling_is_the_longest_texel_in_pixels(orthographic):
         expected[i, j] = np.linalg.svd(np.stack(columns, axis=1))[1][0]
     # A central difference of 1e-5 texel: 1e-10 relative, and 1e-16 * 800 pixels / 1e-5.
     assert undersampling(frame, truth) == pytest.approx(expected, rel=1e-7)
+
+
+def test_undersampling_under_a_skew_and_a_warp():
+    """Texels are wherever the matrix puts them: against pixels pushed to either side."""
+    camera = Camera.look_at((3, 6, 8), (0, 0.5, 0), fov_y_deg=55, size=(6, 4), near=0.1, far=100)
+    frame, truth = plane_view(camera, Sun((0.4, 0.7, -0.3)), (0.1, 1.0, 0.2), [(0.05, 0.03)])
+    uvz_from_world = frame.cascades.uvz_from_world[0]
+    uvz_from_world[0, :3] += (0.02, -0.01, 0.03)
+    uvz_from_world[3, :3] = (0.01, 0.004, -0.02)
+    normal, step = truth.normal[0, 0], 1e-4
+    expected = np.zeros(truth.mask.shape)
+    for i, j in np.ndindex(expected.shape):
+        columns = []
+        for move in np.eye(2):
+            texels = []
+            for side in (0.5 * step, -0.5 * step):
+                column, row = np.array([j + 0.5, i + 0.5]) + side * move
+                x, y = (2 * column / 6 - 1) * camera.half_width, (1 - row / 2) * camera.half_height
+                ray = x * camera.right + y * camera.up - camera.backward
+                point = camera.eye - (camera.eye @ normal) / (ray @ normal) * ray
+                uvz = uvz_from_world @ np.append(point, 1.0)
+                texels.append(100 * uvz[:2] / uvz[3])
+            columns.append((texels[0] - texels[1]) / step)
+        expected[i, j] = 1.0 / np.linalg.svd(np.stack(columns, axis=1))[1][1]
+    # A central difference of 1e-4 pixel: 1e-8 relative, and 1e-16 * 1e4 texels / 1e-4.
+    assert undersampling(frame, truth) == pytest.approx(expected, rel=1e-6)
 
 
 def test_undersampling_of_a_facing_plane_is_texel_over_pixel():

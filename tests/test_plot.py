@@ -478,6 +478,29 @@ def test_boxes_lie_at_the_stored_depths(frame):
         assert np.allclose(high - low, [*t, t.max()], rtol=0, atol=slack)
 
 
+@pytest.mark.parametrize("warp", ["lispsm", "psm", "tsm"])
+def test_boxes_of_a_warped_map_stand_on_their_texels(scene, warp):
+    settings = SETTINGS.replace(cascade_count=1, map_size=32, warp=warp, snap="none")
+    with csm.Renderer() as renderer:
+        frame = renderer.render(scene, CAMERA, SUN, settings, outputs=OUTPUTS)
+    (mesh,) = outlines.texel_boxes(frame).meshes
+    corners = np.asarray(mesh.positions, np.float64).reshape(-1, 8, 3)
+    uvz = transform_points(frame.cascades.uvz_from_world[0], corners)
+    v, u = np.nonzero(frame.shadow_maps[0] < 1.0)
+    texel = 32 * uvz[..., :2]
+    # Float32 corners: up to 100 m away, in texels of centimetres at the near end.
+    for axis, at in ((0, u), (1, v)):
+        assert np.allclose(texel[..., axis].min(axis=1), at, rtol=0, atol=2e-3)
+        assert np.allclose(texel[..., axis].max(axis=1), at + 1, rtol=0, atol=2e-3)
+    height = corners @ SUN.to_light
+    front = height.max(axis=1)
+    assert np.allclose(np.sort(height, axis=1)[:, 4:], front[:, None], rtol=0, atol=1e-4)
+    stored = np.column_stack([(u + 0.5) / 32, (v + 0.5) / 32, frame.shadow_maps[0][v, u]])
+    points = transform_points(np.linalg.inv(frame.cascades.uvz_from_world[0]), stored)
+    assert np.allclose(points @ SUN.to_light, front, rtol=0, atol=1e-4)
+    assert np.ptp(front - height.min(axis=1)) > 0.01, "boxes of one size would be no warp"
+
+
 def test_boxes_of_empty_maps_are_refused(frame):
     empty = csm.Frame(
         frame._arrays | {"shadow_maps": np.ones((3, 48, 48), np.float32)},
