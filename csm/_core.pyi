@@ -60,6 +60,36 @@ class _Cascades(TypedDict):
     map_size: NDArray[np.intc]  # (n,)
     range_step: int | None
     hold: bytes  # what a later fit takes as held
+    pancake: bool
+
+_Worst = tuple[float, tuple[float, float, float]]  # amount, world point
+
+class _Coverage(TypedDict):
+    overflow: _Worst  # [texels]
+    before: _Worst  # [m]
+    behind: _Worst
+    caster: _Worst
+    gap_texels: float
+    gap_share: float
+    gap_points: NDArray[np.float64]  # (k, 3)
+    tolerance_texels: float
+    tolerance_depth: float  # [m]
+    utilisation: float
+    overlap: NDArray[np.float64]  # (n,)
+    texels_per_pixel: tuple[float, float]
+    to_light: tuple[float, float, float]
+    mirrored: bool
+    texel_size: tuple[float, float]
+    depth_span: float
+    receiver_count: int
+
+class _GridMove(TypedDict):
+    texel_size: tuple[tuple[float, float], tuple[float, float]]
+    texels: float
+    depth: float
+    depth_quanta: tuple[float, float]
+    rounding_texels: float
+    rounding_depth: float
 
 class _Warp(TypedDict):
     light_from_world: NDArray[np.float64]  # (4, 4)
@@ -161,6 +191,26 @@ def cull_boxes(
     margin_texels: float = 0.0,
     whole_window: bool = False,
 ) -> NDArray[np.uint32]: ...
+def coverage(
+    camera: _Camera,
+    clip_from_world: ArrayLike,
+    splits: ArrayLike,
+    map_size: ArrayLike,
+    first_map: bool,
+    border_texels: float,
+    tolerance_texels: float,
+    scene_bounds: ArrayLike | None = None,
+    receivers: ArrayLike | None = None,
+) -> list[_Coverage]: ...
+def coverage_move(
+    camera: _Camera,
+    near: float,
+    far: float,
+    before: ArrayLike,
+    size_before: int,
+    after: ArrayLike,
+    size_after: int,
+) -> _GridMove: ...
 def validate_settings(settings: Any, /) -> None: ...
 def canonical_settings(settings: Any, /) -> dict[str, Any]: ...
 def effect_table() -> list[_Effect]: ...

@@ -373,7 +373,8 @@ typedef struct csm_cascades {
     int64_t lattice[CSM_MAX_CASCADES][2];
     csm_warp warp[CSM_MAX_CASCADES]; /* set under a warp: clip_from_light is then projective */
     double depth_range[CSM_MAX_CASCADES][2]; /* light-view depths of z = 0 and z = 1 [m] */
-    bool bounded;                            /* bounds are those of the scene, as given */
+    bool pancake; /* casters before a depth range are flattened onto its near end */
+    bool bounded; /* bounds are those of the scene, as given */
     double bounds[6];
     csm_hold hold; /* for the next frame */
 } csm_cascades;
@@ -660,5 +661,72 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
 
 /* Messages of the driver since the last drain, oldest first. */
 void csm_renderer_drain_messages(csm_renderer *renderer, csm_message_callback callback, void *user);
+
+/* ------------------------------------------------------------------------------------------------
+ * 11. Coverage: what any set of cascades does to a view, ours or not (docs/numerics.md 23)
+ */
+
+typedef struct csm_coverage_desc {
+    csm_camera camera;
+    int count;
+    const double (*clip_from_world)[16]; /* clip z in [0, 1], parallel light; may be warped */
+    const int *map_size;
+    const double *splits;       /* count + 1 ascending view depths [m] */
+    bool first_map;             /* selection by map or frustum; otherwise by the slice */
+    double border_texels;       /* of a map that must stay free */
+    double tolerance_texels;    /* misses up to this are none */
+    const double *scene_bounds; /* slices are cut to it, casters lie in it; or NULL */
+    const double *receivers;    /* receiver_count x 3 world: they alone are judged; or NULL */
+    size_t receiver_count;
+} csm_coverage_desc;
+
+#define CSM_GAP_POINTS 8
+
+typedef struct csm_coverage_worst {
+    double amount;   /* -INFINITY: nothing to judge */
+    double point[3]; /* world [m] */
+} csm_coverage_worst;
+
+/* Of a cascade's slice: its part of the view frustum, cut to the bounds, or its receivers. */
+typedef struct csm_coverage {
+    csm_coverage_worst overflow; /* [texels] outside its own map less the border; < 0 spare */
+    csm_coverage_worst before;   /* [m] before the near end of the depth range; < 0 spare */
+    csm_coverage_worst behind;   /* [m] behind the far end; < 0 spare */
+    csm_coverage_worst caster;   /* [m] what the bounds hold over the slice before the near end */
+    double gap_texels;           /* how far what no map holds lies outside the nearest map */
+    double gap_share;            /* of the slice's volume, or of its receivers */
+    int gap_point_count;
+    double gap_points[CSM_GAP_POINTS][3];     /* world, of the largest pieces */
+    double tolerance_texels, tolerance_depth; /* misses up to these are none; depth [m] */
+    double utilisation; /* share of texels whose column meets the slice (selection by first map:
+                           the view from the slice on) */
+    double overlap[CSM_MAX_CASCADES]; /* share of this slice that each map holds */
+    double texels_per_pixel[2];       /* lowest, highest: pixel over texel, both at the point */
+    double to_light[3];               /* direction of the columns, towards smaller depth */
+    bool mirrored;                    /* the map shows the world as a mirror does */
+    double texel_size[2];             /* [m] along the map's x and y, at its centre */
+    double depth_span;                /* [m] along the light */
+    size_t receiver_count;            /* visible ones of the slice */
+} csm_coverage;
+
+/* Measures every cascade. Under first_map, overflow stays as measured but before and behind speak
+ * of what maps hold across yet none in depth, and gaps of what none holds across; otherwise only
+ * receivers beyond the last split are gaps. Fails on splits, sizes or matrices that are none. */
+csm_status csm_coverage_measure(const csm_coverage_desc *desc, csm_coverage out[CSM_MAX_CASCADES],
+                                csm_error *err);
+
+/* What happened to the texel grid between two frames, seen from fixed points of the world. */
+typedef struct csm_grid_move {
+    double texel_size[2][2]; /* before and after, along x and y [m] */
+    double texels;           /* farthest that a point moved from its place within a texel */
+    double depth;            /* [m] largest change of a point's distance from the near end */
+    double depth_quanta[2];  /* the same from whole quanta of 16 and 24 bits */
+    double rounding_texels, rounding_depth; /* depth as a share of the range */
+} csm_grid_move;
+
+/* Of one cascade, from the corners of a slice of the view before the move. */
+csm_status csm_coverage_move(const csm_camera *camera, double near_depth, double far_depth,
+                             const double before[16], int size_before, const double after[16],
+                             int size_after, csm_grid_move *out, csm_error *err);
 
 #endif

@@ -190,6 +190,7 @@ csm_status csm_cascades_place(const csm_cascades_desc *desc, csm_cascades *out, 
     }
     const csm_cascades_desc copy = canonical(desc, &settings);
     out->count = settings.effects[CSM_EFFECT_CASCADE_COUNT];
+    out->pancake = settings.effects[CSM_EFFECT_PANCAKE];
     out->bounded = desc->scene_bounds != NULL;
     if (out->bounded) {
         memcpy(out->bounds, desc->scene_bounds, sizeof out->bounds);

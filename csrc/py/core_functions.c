@@ -364,7 +364,7 @@ PyObject *csm_py_new_cascades(const csm_cascades *cascades) {
     const npy_intp edges[1] = {n + 1}, each[1] = {n}, pairs[2] = {n, 2};
     PyObject *range_step = cascades->range_step == INT_MIN ? Py_NewRef(Py_None)
                                                            : PyLong_FromLong(cascades->range_step);
-    return Py_BuildValue("{s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:y#}", "splits",
+    return Py_BuildValue("{s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:N,s:y#}", "splits",
                          new_array(1, edges, NPY_DOUBLE, cascades->splits), "light_from_world",
                          new_matrices(cascades->light_from_world, n), "clip_from_light",
                          new_matrices(cascades->clip_from_light, n), "clip_from_world",
@@ -374,7 +374,8 @@ PyObject *csm_py_new_cascades(const csm_cascades *cascades) {
                          new_array(2, pairs, NPY_INT64, cascades->lattice), "depth_range",
                          new_array(2, pairs, NPY_DOUBLE, cascades->depth_range), "map_size",
                          new_array(1, each, NPY_INT, cascades->map_size), "range_step", range_step,
-                         "hold", (const char *)&cascades->hold, (Py_ssize_t)sizeof cascades->hold);
+                         "pancake", PyBool_FromLong(cascades->pancake), "hold",
+                         (const char *)&cascades->hold, (Py_ssize_t)sizeof cascades->hold);
 }
 
 PyDoc_STRVAR(fit_cascades_doc,

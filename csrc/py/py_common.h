@@ -85,6 +85,9 @@ PyObject *
 csm_py_new_cascades(const csm_cascades *cascades); /* dict of the arrays of csm.Cascades */
 extern PyMethodDef csm_py_core_methods[];
 
+/* coverage_functions.c */
+extern PyMethodDef csm_py_coverage_methods[];
+
 /* settings_functions.c */
 extern PyMethodDef csm_py_settings_methods[];
 
