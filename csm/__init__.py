@@ -4,6 +4,7 @@ from importlib import metadata as _metadata
 
 from . import plot, scenes
 from .cascades import Cascades, fit_cascades
+from .checks import CascadeCheck, CheckProblem, check_cascades
 from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, ShaderError
 from .frame import Frame
 from .loading import load, load_elevation
@@ -19,7 +20,9 @@ __version__ = _metadata.version("cascaded-shadow-maps")
 
 __all__ = [
     "Camera",
+    "CascadeCheck",
     "Cascades",
+    "CheckProblem",
     "ContextError",
     "CsmError",
     "ErrorReport",
@@ -36,6 +39,7 @@ __all__ = [
     "Sun",
     "Truth",
     "backends",
+    "check_cascades",
     "compare",
     "fit_cascades",
     "load",

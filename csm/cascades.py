@@ -6,6 +6,7 @@ import numpy as np
 
 from . import _core
 from .camera import Camera
+from .matrices import read_matrices
 from .scene import Scene
 from .settings import ShadowSettings
 from .sun import Sun
@@ -51,6 +52,8 @@ class Cascades:
     hold : bytes
         What the next frame's fit holds on to (`fit_cascades` with ``held=``): steps of ranges and
         sizes, axes carried on. Opaque; empty where nothing is held.
+    pancake : bool
+        Whether casters before the depth range are flattened onto its near end.
 
     Notes
     -----
@@ -70,6 +73,42 @@ class Cascades:
     map_size: np.ndarray
     range_step: int | None = None
     hold: bytes = b""
+    pancake: bool = False
+
+    @classmethod
+    def from_matrices(cls, clip_from_world, splits, map_size, *, clip_z=(0, 1), pancake=False):
+        """Cascades that somebody else has placed, from their matrices.
+
+        Parameters
+        ----------
+        clip_from_world : (n, 4, 4) or (4, 4) array_like
+            One matrix per cascade for column vectors, ``clip = M @ (x, y, z, 1)``: the
+            translation is the last column. Of parallel light: affine, or warped, a projective
+            map of the place across the light. A mirrored map is as good as any.
+        splits : (n + 1,) array_like
+            Ascending view depths [m] of the slices that the cascades are meant for.
+        map_size : int or (n,) array_like of int
+            Texels along a side, 1 to 65536.
+        clip_z : (float, float)
+            Clip depth (after the division by w) at the caster side and at the far side: (0, 1),
+            (-1, 1) where OpenGL's own range is kept, (1, 0) for a reversed depth.
+        pancake : bool
+            Whether casters before the near side are kept, flattened onto it by a depth clamp.
+
+        Returns
+        -------
+        cascades : Cascades
+            With clip z from 0 to 1. `light_from_world` is a rotation whose x axis is that of the
+            map; what it does not explain (a mirror, a skew, a warp) is in `clip_from_light`.
+            Under a warp `texel_size` holds at the map's centre. `lattice` is all 0.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If shapes do not fit, splits do not ascend, or a matrix is transposed, not finite, maps
+            the world to no area, or is that of a lamp with a place.
+        """
+        return cls(**read_matrices(clip_from_world, splits, map_size, clip_z), pancake=pancake)
 
     def __post_init__(self):
         self._freeze()

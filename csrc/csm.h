@@ -693,7 +693,7 @@ typedef struct csm_coverage {
     csm_coverage_worst before;   /* [m] before the near end of the depth range; < 0 spare */
     csm_coverage_worst behind;   /* [m] behind the far end; < 0 spare */
     csm_coverage_worst caster;   /* [m] what the bounds hold over the slice before the near end */
-    double gap_texels;           /* how far what no map holds lies outside the nearest map */
+    double gap_texels;           /* how far what no map holds lies outside the slice's own map */
     double gap_share;            /* of the slice's volume, or of its receivers */
     int gap_point_count;
     double gap_points[CSM_GAP_POINTS][3];     /* world, of the largest pieces */
@@ -709,9 +709,9 @@ typedef struct csm_coverage {
     size_t receiver_count;            /* visible ones of the slice */
 } csm_coverage;
 
-/* Measures every cascade. Under first_map, overflow stays as measured but before and behind speak
- * of what maps hold across yet none in depth, and gaps of what none holds across; otherwise only
- * receivers beyond the last split are gaps. Fails on splits, sizes or matrices that are none. */
+/* Measures every cascade. Under first_map, what no map holds is a gap where it lies outside the
+ * sides of the slice's own map, and else what before and behind speak of. Otherwise only receivers
+ * beyond the last split are gaps. Fails on splits, sizes or matrices that are none. */
 csm_status csm_coverage_measure(const csm_coverage_desc *desc, csm_coverage out[CSM_MAX_CASCADES],
                                 csm_error *err);
 

@@ -68,6 +68,20 @@ SIGNATURES = {
         ("scene", None, KEYWORD),
         ("receivers", None, KEYWORD),
     ],
+    "Cascades.from_matrices": [
+        ("clip_from_world", REQUIRED),
+        ("splits", REQUIRED),
+        ("map_size", REQUIRED),
+        ("clip_z", (0, 1), KEYWORD),
+    ],
+    "check_cascades": [
+        ("cascades", REQUIRED),
+        ("camera", REQUIRED),
+        ("select", "interval", KEYWORD),
+        ("scene", None, KEYWORD),
+        ("receivers", None, KEYWORD),
+        ("border_texels", 0, KEYWORD),
+    ],
     "plan": [("settings", REQUIRED)],
     "truth": [
         ("scene", REQUIRED),

@@ -66,3 +66,36 @@ def misses(camera, cascades, padding, rng, *, scene=None, samples=60):
                 missed += np.count_nonzero(~held)
         missed += np.count_nonzero(first > i)
     return missed
+
+
+# Cascades with defects, and what checks say of them
+
+
+def kinds(check):
+    return {problem.kind for problem in check.problems}
+
+
+def shifted(cascades, i, texels, axis=0):
+    """The same cascades with one map moved by some of its texels."""
+    clip = cascades.clip_from_world.copy()
+    clip[i, axis] += 2.0 * texels / cascades.map_size[i] * clip[i, 3]
+    return csm.Cascades.from_matrices(clip, cascades.splits, cascades.map_size)
+
+
+def rescaled_depth(cascades, near, far):
+    """The same windows with another depth range [m, light-view depths]."""
+    clip = cascades.clip_from_world.copy()
+    clip[:, 2] = 0.0
+    clip[:, 2, :3] = -cascades.light_from_world[:, 2, :3]
+    clip[:, 2, 3] = -near
+    clip[:, 2] /= far - near
+    return csm.Cascades.from_matrices(clip, cascades.splits, cascades.map_size)
+
+
+def volume_samples(camera, near, far, count, rng):
+    """World points even in the volume of the view between two depths."""
+    depth = np.cbrt(rng.uniform(near**3, far**3, count))
+    x, y = rng.uniform(-1, 1, (2, count)) * [[camera.half_width], [camera.half_height]] * depth
+    return camera.eye + np.stack([x, y, depth], 1) @ np.stack(
+        [camera.right, camera.up, -camera.backward]
+    )

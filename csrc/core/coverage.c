@@ -24,10 +24,10 @@ static double depth_of(const csm_camera *camera, const double p[3]) {
     return -vec3_dot(camera->backward, p);
 }
 
-void coverage_judge_depth(view *v, int slice, int window, const double p[3]) {
+void coverage_judge_depth(view *v, int slice, const double p[3]) {
     double clip[4];
-    const double slope = v->windows[window].depth_slope;
-    light_window_clip(&v->windows[window], p, clip);
+    const double slope = v->windows[slice].depth_slope;
+    light_window_clip(&v->windows[slice], p, clip);
     keep_worst(&v->out[slice].before, -clip[WINDOW_Z] / slope, p);
     keep_worst(&v->out[slice].behind, (clip[WINDOW_Z] - clip[WINDOW_W]) / slope, p);
 }
@@ -54,18 +54,14 @@ void coverage_judge_point(view *v, int slice, const double p[3]) {
     keep_worst(&v->out[slice].overflow,
                light_window_outside(&v->windows[slice], p, v->desc->border_texels), p);
     if (!v->desc->first_map) {
-        coverage_judge_depth(v, slice, slice, p);
+        coverage_judge_depth(v, slice, p);
     }
     judge_density(v, slice, p);
 }
 
 void coverage_widen_gap(view *v, int slice, const double p[3]) {
-    double nearest = INFINITY;
-    for (int i = 0; i < v->desc->count; i++) {
-        const double outside = light_window_outside(&v->windows[i], p, v->desc->border_texels);
-        nearest = fmin(nearest, outside);
-    }
-    v->out[slice].gap_texels = fmax(v->out[slice].gap_texels, nearest);
+    const double outside = light_window_outside(&v->windows[slice], p, v->desc->border_texels);
+    v->out[slice].gap_texels = fmax(v->out[slice].gap_texels, outside);
 }
 
 void coverage_add_gap(view *v, int slice, const double p[3], double size) {
@@ -115,16 +111,14 @@ static bool inside_planes(const double (*planes)[4], int count, const double p[3
 }
 
 /* What no map answers for: beyond the last split, or under selection by the first map that holds a
- * point. What a map holds across but not in depth is a matter of depth. */
+ * point. What its own map holds across but not in depth is a matter of depth. */
 static bool judge_hole(view *v, int slice, bool beyond, bool held, const double p[3]) {
     if (!beyond && (held || !v->desc->first_map)) {
         return false;
     }
-    for (int i = 0; i < v->desc->count && !beyond; i++) {
-        if (inside_planes((const double(*)[4])v->planes[i], WINDOW_SIDES, p, 0.0)) {
-            coverage_judge_depth(v, slice, i, p);
-            return false;
-        }
+    if (!beyond && inside_planes((const double(*)[4])v->planes[slice], WINDOW_SIDES, p, 0.0)) {
+        coverage_judge_depth(v, slice, p);
+        return false;
     }
     coverage_widen_gap(v, slice, p);
     coverage_add_gap(v, slice, p, depth_of(&v->desc->camera, p));

@@ -18,13 +18,13 @@ typedef struct view {
 /* A point of a slice against the slice's own window. */
 void coverage_judge_point(view *v, int slice, const double p[3]);
 
-/* A point in a window's columns against its depth range. */
-void coverage_judge_depth(view *v, int slice, int window, const double p[3]);
+/* A point of a slice against the depth range of the slice's own window. */
+void coverage_judge_depth(view *v, int slice, const double p[3]);
 
 /* A point of a slice that no window holds; size ranks the examples. */
 void coverage_add_gap(view *v, int slice, const double p[3], double size);
 
-/* The part of a slice's distance outside the nearest window. */
+/* A gap reaches as far outside the slice's own window as its farthest point. */
 void coverage_widen_gap(view *v, int slice, const double p[3]);
 
 /* coverage_slices.c: everything about one slice as a body. */

@@ -117,7 +117,8 @@ static void find_casters(body *b) {
  * Gaps: what is left of a slice after all windows
  */
 
-static void keep_gap(body *b, const tetrahedron *piece, double volume) {
+static void keep_gap(body *b, const tetrahedron *piece) {
+    const double volume = tetrahedron_volume(piece);
     b->gap_volume += volume;
     for (int i = 0; i < 4; i++) {
         coverage_widen_gap(b->v, b->slice, piece->corners[i]);
@@ -127,52 +128,60 @@ static void keep_gap(body *b, const tetrahedron *piece, double volume) {
     coverage_add_gap(b->v, b->slice, centre, volume);
 }
 
-/* Takes away from a piece what the windows from the step-th on hold, the slice's own first, each by
- * its first `sides` planes. What is left after their four sides is a gap; what is left after all
- * six planes, but not after four, lies in a map and outside its depth range. */
-static void subtract_windows(body *b, const tetrahedron *piece, int step, int plane, int sides) {
-    const int count = b->v->desc->count, window = (b->slice + step) % count;
-    const double volume = tetrahedron_volume(piece);
-    if (!(volume > 1e-14 * b->volume)) {
-        return; /* flat: neither seen nor missed */
-    }
-    if (step == count) {
-        if (sides == WINDOW_PLANES) {
-            subtract_windows(b, piece, 0, 0, WINDOW_SIDES);
-        } else {
-            keep_gap(b, piece, volume);
-        }
-        return;
-    }
-    if (plane == sides) {
-        for (int i = 0; i < 4 && sides == WINDOW_SIDES; i++) {
-            coverage_judge_depth(b->v, b->slice, window, piece->corners[i]);
-        }
-        return;
-    }
-    const double *cutting = b->v->planes[window][plane];
-    if (++b->cuts > CUTS_MAX) {
-        double centre[3];
-        tetrahedron_centre(piece, centre);
-        if (vec3_dot(cutting, centre) + cutting[3] >= 0.0) {
-            subtract_windows(b, piece, step, plane + 1, sides);
-        } else {
-            subtract_windows(b, piece, step + 1, 0, sides);
+/* What no map holds lies outside its own map's sides, or inside them and outside its depth range.
+ */
+static void judge_lost(body *b, const tetrahedron *piece, int side) {
+    if (side == WINDOW_SIDES) {
+        for (int i = 0; i < 4; i++) {
+            coverage_judge_depth(b->v, b->slice, piece->corners[i]);
         }
         return;
     }
     tetrahedron_cut cut;
-    tetrahedron_split(piece, cutting, &cut);
+    tetrahedron_split(piece, b->v->planes[b->slice][side], &cut);
     for (int i = 0; i < cut.inside_count; i++) {
-        subtract_windows(b, &cut.inside[i], step, plane + 1, sides);
+        judge_lost(b, &cut.inside[i], side + 1);
     }
     for (int i = 0; i < cut.outside_count; i++) {
-        subtract_windows(b, &cut.outside[i], step + 1, 0, sides);
+        keep_gap(b, &cut.outside[i]);
+    }
+}
+
+/* Takes away from a piece what the windows from the step-th on hold, the slice's own first, each
+ * from its plane-th plane on. */
+static void subtract_windows(body *b, const tetrahedron *piece, int step, int plane) {
+    const int count = b->v->desc->count;
+    if (!(tetrahedron_volume(piece) > 1e-20 * b->volume)) {
+        return; /* flat; a corner cut off by a hundredth of a texel is still above this */
+    }
+    if (step == count) {
+        judge_lost(b, piece, 0);
+        return;
+    }
+    if (plane == WINDOW_PLANES) {
+        return;
+    }
+    const double *cutting = b->v->planes[(b->slice + step) % count][plane];
+    tetrahedron_cut cut = {0};
+    if (++b->cuts > CUTS_MAX) {
+        double centre[3];
+        tetrahedron_centre(piece, centre);
+        const bool inside = vec3_dot(cutting, centre) + cutting[3] >= 0.0;
+        *(inside ? &cut.inside_count : &cut.outside_count) = 1;
+        *(inside ? cut.inside : cut.outside) = *piece;
+    } else {
+        tetrahedron_split(piece, cutting, &cut);
+    }
+    for (int i = 0; i < cut.inside_count; i++) {
+        subtract_windows(b, &cut.inside[i], step, plane + 1);
+    }
+    for (int i = 0; i < cut.outside_count; i++) {
+        subtract_windows(b, &cut.outside[i], step + 1, 0);
     }
 }
 
 static void find_gaps(void *user, const tetrahedron *piece) {
-    subtract_windows(user, piece, 0, 0, WINDOW_PLANES);
+    subtract_windows(user, piece, 0, 0);
 }
 
 /* ------------------------------------------------------------------------------------------------
