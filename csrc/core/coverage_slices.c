@@ -58,7 +58,7 @@ static void visit_body(const body *b, const tetrahedron pieces[6], const double 
 typedef struct caster_search {
     const light_window *window;
     csm_coverage_worst *worst;
-    double exit[4]; /* distance from a point to the side where its column leaves the bounds */
+    double leave[4]; /* distance from a point to the side where its column leaves the bounds */
 } caster_search;
 
 static void judge_casters(void *user, const tetrahedron *piece) {
@@ -66,7 +66,7 @@ static void judge_casters(void *user, const tetrahedron *piece) {
     const light_window *window = search->window;
     for (int i = 0; i < 4; i++) {
         const double *p = piece->corners[i];
-        const double up = vec3_dot(search->exit, p) + search->exit[3];
+        const double up = vec3_dot(search->leave, p) + search->leave[3];
         double highest[3], clip[4];
         for (int axis = 0; axis < 3; axis++) {
             highest[axis] = p[axis] + up * window->to_light[axis];
@@ -100,7 +100,7 @@ static void find_casters(body *b) {
         caster_search search = {.window = window, .worst = &b->v->out[b->slice].caster};
         double planes[6][4];
         int count = 0;
-        memcpy(search.exit, exits[nearest], sizeof search.exit);
+        memcpy(search.leave, exits[nearest], sizeof search.leave);
         for (int other = 0; other < exit_count; other++) {
             if (other != nearest) {
                 for (int i = 0; i < 4; i++) {
