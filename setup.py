@@ -13,9 +13,9 @@ from setuptools.command.build_ext import build_ext
 
 # In the order of the data, from values to pictures to Python.
 CORE = (
-    "status effects scene splits frustum view_range light_basis receivers fits snap depth_range"
-    " warp cascades cull light_window tetrahedra coverage_slices coverage coverage_move"
-    " plan shader_source"
+    "status effects scene splits splits_resolution splits_histogram frustum view_range"
+    " light_basis receivers fits snap depth_range warp cascades cull light_window tetrahedra"
+    " coverage_slices coverage coverage_move plan shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"

@@ -27,19 +27,31 @@ class ShadowSettings:
         cascade must be equal, as the maps are layers of one array; a plan refuses others.
     split : {"practical", "uniform", "logarithmic", "manual", "resolution", "sdsm", "percentages", \
 "histogram"}
-        How the view range is cut [Zhang2006]_.
+        How the view range is cut. ``"uniform"``: equal lengths; ``"logarithmic"``: equal ratios;
+        ``"practical"``: their mean weighted by `lam` [Zhang2006]_. ``"manual"`` and
+        ``"percentages"`` [MSDN]_: `manual_splits`. ``"resolution"`` [Stone]_: texels are equally
+        many pixels at the near end of every cascade, also where map sizes differ; with equal sizes
+        that is the logarithmic scheme. ``"sdsm"`` [Lauritzen2011]_: the practical scheme within
+        the depths of what is seen and faces the sun; ``"histogram"``: as much of it in every
+        cascade. Both hold their steps from frame to frame, so that they do not flicker. What
+        divides by depth needs a camera with near > 0: practical and sdsm with `lam` > 0, and
+        logarithmic.
     lam : float
         Weight of the logarithmic scheme in ``"practical"`` and ``"sdsm"``, 0 to 1.
     manual_splits : tuple of float
         The ``cascade_count - 1`` inner view depths [m] of ``split="manual"``, or percents of the
-        view range of ``"percentages"``, ascending.
+        view range of ``"percentages"`` (0 at near, 100 at its far), ascending.
     first_split : float
-        View depth [m] where the first cascade ends; 0: where the scheme has it.
+        View depth [m] where the first cascade ends [Stone]_, the scheme dividing the rest; 0: where
+        the scheme has it. It must lie within the camera's range and `max_distance`. A nearer scene
+        does not move it; where ``"sdsm"`` and ``"histogram"`` see nothing on one side of it, they
+        do without. Not for splits by hand.
     max_distance : float
-        Farthest view depth [m] that has shadows; 0: the camera's far.
+        Farthest view depth [m] that has shadows, beyond which all is lit and belongs to no
+        cascade; 0: the camera's far. `view_range` may end it earlier.
     view_range : {"scene", "camera"}
         ``"scene"`` cuts far to the scene's bounds, rounded up to ``near * 2**(k / 4)`` so that
-        texel sizes stay constant while the camera moves.
+        texel sizes stay constant while the camera moves, but not below distances set by hand.
     fit : {"sphere", "box", "diameter", "scene", "shifted", "visible", "clipped", "focus"}
         How a light window is fitted to its slice of the view.
     turned : bool
@@ -99,6 +111,10 @@ class ShadowSettings:
     ----------
     .. [Zhang2006] Zhang, Sun, Xu, Lun: Parallel-split shadow maps for large-scale virtual
        environments. VRCIA 2006. doi:10.1145/1128923.1128975
+    .. [MSDN] Microsoft: Cascaded Shadow Maps. DirectX technical articles.
+    .. [Stone] Stone: Cascaded perspective variance shadow mapping. Web article.
+    .. [Lauritzen2011] Lauritzen, Salvi, Lefohn: Sample distribution shadow maps. I3D 2011.
+       doi:10.1145/1944745.1944761
     .. [Reeves1987] Reeves, Salesin, Cook: Rendering antialiased shadows with depth maps.
        SIGGRAPH 1987. doi:10.1145/37402.37435
 

@@ -16,7 +16,8 @@ def split_distances(near, far, count, *, scheme="practical", lam=0.5):
     Parameters
     ----------
     near, far : float
-        View depths to cover [m]. ``0 < near < far``; near of any sign for ``"uniform"``.
+        View depths to cover [m]. ``0 < near < far``; near of any sign for ``"uniform"`` and for
+        ``"practical"`` with ``lam=0``.
     count : int
         Number of cascades, 1 to 8.
     scheme : {"practical", "uniform", "logarithmic"}
@@ -33,6 +34,11 @@ def split_distances(near, far, count, *, scheme="practical", lam=0.5):
     ------
     TypeError, ValueError
         If a value breaks its rule; the text names it.
+
+    Notes
+    -----
+    The schemes that need a camera, map sizes or what is seen (`ShadowSettings.split`) come from
+    ``fit_cascades(...).splits``.
 
     References
     ----------

@@ -246,12 +246,13 @@ void csm_frustum_planes(const csm_camera *camera, double near_depth, double far_
 bool csm_frustum_depth_of_box(const csm_camera *camera, const double bounds[6], double *out_depth);
 
 /* ------------------------------------------------------------------------------------------------
- * 4. Splits (docs/numerics.md 1 and 2)
+ * 4. Splits (docs/numerics.md 1, 2 and 17)
  */
 
 /* count + 1 ascending view depths [m]; the ends are near and far to the bit. scheme is a
  * CSM_SPLIT_* of practical, uniform, logarithmic. Fails unless 0 < near < far (near may be any
- * finite number below far for uniform), 1 <= count <= 8, 0 <= lam <= 1. */
+ * finite number below far for uniform, and for practical with lam 0), 1 <= count <= 8,
+ * 0 <= lam <= 1. */
 csm_status csm_splits_compute(double near_depth, double far_depth, int count, int scheme,
                               double lam, double *out_splits, csm_error *err);
 
@@ -297,6 +298,7 @@ csm_status csm_snap_window(const csm_window *window, int map_size, int padding_t
 typedef struct csm_hold {
     int range_step;                       /* k of view_range = scene */
     int near_step, far_step;              /* of a range taken from receivers */
+    int cut_step[CSM_MAX_CASCADES];       /* where split = histogram ends a cascade */
     int window_step[CSM_MAX_CASCADES][2]; /* sizes of windows round visible receivers */
     int level[CSM_MAX_CASCADES][2];       /* of approximate snapping */
     bool transported;                     /* light_from_world holds the basis of the frame before */

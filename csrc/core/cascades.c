@@ -14,6 +14,7 @@
 csm_hold csm_hold_none(void) {
     csm_hold hold = {.range_step = INT_MIN, .near_step = INT_MIN, .far_step = INT_MIN};
     for (int i = 0; i < CSM_MAX_CASCADES; i++) {
+        hold.cut_step[i] = INT_MIN;
         for (int axis = 0; axis < 2; axis++) {
             hold.window_step[i][axis] = hold.level[i][axis] = INT_MIN;
         }

@@ -12,6 +12,29 @@ typedef struct csm_slab {
 /* view_range.c: out->splits, out->range_step and the held steps of the range. */
 csm_status csm_place_splits(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
 
+/* A part of the view range and the cascades that share it, `first` to `first + count - 1`. */
+typedef struct csm_share {
+    double near_depth, far_depth; /* [m] */
+    int first, count;
+} csm_share;
+
+/* splits_resolution.c: the count + 1 splits of a share for which texel over pixel at the near end
+ * is the same in every cascade (docs/numerics.md 17). range_near: of the whole view range [m]. */
+void csm_splits_resolution(const csm_cascades_desc *desc, double range_near, const csm_share *share,
+                           double *out_splits);
+
+/* splits_histogram.c: the count + 1 splits of a share with as many receivers in every cascade, cut
+ * on rungs (docs/numerics.md 17). The steps of the cuts are held. */
+csm_status csm_splits_histogram(const csm_cascades_desc *desc,
+                                const uint32_t histogram[CSM_DEPTH_BINS], const csm_share *share,
+                                double *out_splits, csm_hold *hold, csm_error *err);
+
+/* splits.c: depths that ranges and cuts are rounded to, so that they do not wander: rung k of a
+ * camera is near * 2^(k/4), or, where near is not positive, near + (far - near) k/64; k need not be
+ * whole. And its inverse. */
+double csm_rung_depth(const csm_camera *camera, double rung);
+double csm_rung_of(const csm_camera *camera, double depth);
+
 /* light_basis.c: the axes that windows start from, and what of them is held. */
 csm_status csm_place_light(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
 

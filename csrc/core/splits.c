@@ -4,7 +4,7 @@
  * Practical scheme: Zhang, Sun, Xu, Lun 2006, "Parallel-split shadow maps for large-scale virtual
  * environments"; lambda 0 is uniform, 1 is logarithmic.
  */
-#include "csm.h"
+#include "placement.h"
 
 #include <float.h>
 #include <math.h>
@@ -28,7 +28,9 @@ static csm_status check_arguments(double near_depth, double far_depth, int count
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT, "far must be > near (got near %g, far %g)",
                         near_depth, far_depth);
     }
-    if (scheme != CSM_SPLIT_UNIFORM && !(near_depth > 0.0)) {
+    const bool linear =
+        scheme == CSM_SPLIT_UNIFORM || (scheme == CSM_SPLIT_PRACTICAL && lam == 0.0);
+    if (!linear && !(near_depth > 0.0)) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
                         "near must be > 0 for split %s (got near %g); uniform and manual splits "
                         "take any near",
@@ -90,4 +92,16 @@ double csm_range_round_up(double near_depth, double depth, int held_step, int *o
     }
     *out_step = step;
     return range_of_step(near_depth, step);
+}
+
+double csm_rung_depth(const csm_camera *camera, double rung) {
+    const double near_depth = camera->near_depth;
+    return near_depth > 0.0 ? near_depth * exp2(rung / 4.0)
+                            : near_depth + (camera->far_depth - near_depth) * (rung / 64.0);
+}
+
+double csm_rung_of(const csm_camera *camera, double depth) {
+    const double near_depth = camera->near_depth;
+    return near_depth > 0.0 ? 4.0 * log2(depth / near_depth)
+                            : 64.0 * (depth - near_depth) / (camera->far_depth - near_depth);
 }
