@@ -153,6 +153,7 @@ def collect(tests, folder, *, backend=NO_BACKEND, slow=False):
     if importlib.util.find_spec("pytest") is None:
         raise ImportError("the hard cases need pytest: pip install cascaded-shadow-maps[test]")
     own = folder.resolve() / backend
+    _forget(own)
     marks = "not rendered" if backend == NO_BACKEND else "rendered"
     marks += " and not sweep" + ("" if slow else " and not slow")
     command = [
@@ -176,6 +177,16 @@ def collect(tests, folder, *, backend=NO_BACKEND, slow=False):
     rows += [_tests_row(case, tests, backend) for case, tests in records["tests"].items()]
     order = list(CASES)
     return sorted(rows, key=lambda row: order.index(row.case)), records["driver"]
+
+
+def _forget(folder):
+    """Remove what an earlier run left, and nothing else."""
+    records = folder / RECORDS
+    if records.exists():
+        for figure in json.loads(records.read_text(encoding="utf-8"))["figures"]:
+            if figure["picture"] is not None:
+                (folder / figure["picture"]).unlink(missing_ok=True)
+        records.unlink()
 
 
 def _row_of(figure, backend, folder):

@@ -2,6 +2,7 @@
 
 import pickle
 
+import drawings
 import numpy as np
 import oracles
 import pytest
@@ -94,7 +95,13 @@ def test_x3_world_offsets_cost_no_texels(figure, axis, distance, snap):
         # Ten float32 roundings of sums below 2 in u, v and of positions of 17 m: the same 1e-3
         # texels at every offset (0.03 texels of float32 would be left at 1e4 m of world offset).
         error = np.abs(gpu - exact).max()
-        figure("X3", "place of a float32 vertex, as the GPU has it", error, 1e-3 + bound, "texels")
+        figure(
+            "X3", "place of a float32 vertex, as the GPU has it", error, 1e-3 + bound, "texels",
+            picture=lambda off=(gpu - exact): drawings.chart(
+                lambda axes: axes.plot(*off.astype(float).T, "."), size=(4, 4),
+                title=f"texels off in u and v, {distance:g} m away",
+            ),
+        )  # fmt: skip
 
 
 def spaces_translation(vector):

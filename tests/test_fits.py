@@ -1,12 +1,13 @@
 """Light windows of slices: the smallest sphere, the diameter, boxes; every slice is covered."""
 
+import drawings
 import numpy as np
 import oracles
 import pytest
 from views import assert_finite, clip_points, misses, scene_of, turned
 
 import csm
-from csm import _core
+from csm import _core, plot
 
 FITS = ["sphere", "box", "diameter", "scene"]
 FOVS = [0.1, 1, 5, 20, 45, 60, 90, 120, 150, 170, 179]
@@ -33,6 +34,26 @@ def tangents(ratio):
         yield half, half
 
 
+def draw_sphere(axes, corners, centre, radius):
+    """A slice and its sphere, cut through two opposite corner rays."""
+    across = np.hypot(*corners[:, :2].T) * np.array([-1, -1, 1, 1] * 2)
+    axes.fill(corners[[0, 2, 6, 4], 2], across[[0, 2, 6, 4]], alpha=0.4)
+    turn = np.linspace(0, 2 * np.pi, 200)
+    axes.plot(centre + radius * np.cos(turn), radius * np.sin(turn))
+    axes.set(aspect="equal", xlabel="view depth", ylabel="along the diagonal")
+
+
+def draw_boxes(axes, corners, rotations, diameter):
+    """Light-space outlines of a slice under some rotations, in the square of its diameter."""
+    for rotation in rotations:
+        turned = (corners @ rotation)[:, :2]
+        turned -= 0.5 * (turned.min(axis=0) + turned.max(axis=0))
+        axes.plot(*turned[[0, 1, 2, 3, 0, 4, 5, 6, 7, 4]].T, linewidth=0.7)
+    half = 0.5 * diameter
+    axes.plot([-half, half, half, -half, -half], [-half, -half, half, half, -half], "k")
+    axes.set(aspect="equal", xlabel="light x", ylabel="light y")
+
+
 # -------------------------------------------------------------------------------------------------
 # The fits themselves (docs/numerics.md 4 and 5)
 
@@ -40,14 +61,20 @@ def tangents(ratio):
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_f1_sphere_holds_the_corners_and_is_the_smallest(figure, ratio):
     outside = excess = -1.0
+    shown = None
     for half_width, half_height in tangents(ratio):
         centre, radius = _core.fit_sphere(lens(half_width, half_height), 1.0, ratio)
         corners = oracles.view_corners(half_width, half_height, 1.0, ratio)
         distances = np.linalg.norm(corners - [0, 0, centre], axis=1)
-        outside = max(outside, distances.max() / radius - 1)
+        if distances.max() / radius - 1 > outside:
+            outside, shown = distances.max() / radius - 1, (corners, centre, radius)
         excess = max(excess, radius / oracles.enclosing_ball_radius(corners) - 1)
     # A handful of roundings each; the brute force solves systems of condition up to 1e6.
-    figure("F1", "corners outside the sphere", outside, 1e-12, "relative")
+    figure(
+        "F1", "corners outside the sphere", outside, 1e-12, "relative",
+        picture=lambda: drawings.chart(lambda axes: draw_sphere(axes, *shown), title="through the "
+                                       "corner rays: slice, smallest sphere"),
+    )  # fmt: skip
     figure("F1", "radius above brute force", excess, 1e-9, "relative")
 
 
@@ -72,6 +99,7 @@ def test_f1_f2_sphere_and_diameter_of_an_orthographic_slice():
 @pytest.mark.parametrize("ratio", RATIOS)
 def test_f2_diameter_is_the_largest_distance_and_bounds_every_box(figure, ratio):
     aside = overhang = below = above = -1.0
+    shown = None
     rng = np.random.default_rng(4)
     rotations = np.array([oracles.random_rotation(rng) for _ in range(1000)])
     for half_width, half_height in tangents(ratio):
@@ -81,12 +109,19 @@ def test_f2_diameter_is_the_largest_distance_and_bounds_every_box(figure, ratio)
         largest = np.linalg.norm(corners[:, None] - corners, axis=2).max()
         aside = max(aside, abs(diameter / largest - 1))
         sides = np.ptp(corners @ rotations, axis=1)
-        overhang = max(overhang, sides.max() / diameter - 1)
+        if sides.max() / diameter - 1 > overhang:
+            overhang, shown = sides.max() / diameter - 1, (corners, diameter)
         radius = _core.fit_sphere(camera, 1.0, ratio)[1]
         below = max(below, 1 - 2 * radius / diameter)
         above = max(above, 2 * radius / diameter - 2 / np.sqrt(3))
     figure("F2", "diameter from the largest corner distance", aside, 1e-12, "relative")
-    figure("F2", "boxes under 1000 rotations beyond D", overhang, 1e-12, "relative")
+    worst = np.argsort(np.ptp(shown[0] @ rotations, axis=1).max(axis=1))[-6:]
+    figure(
+        "F2", "boxes under 1000 rotations beyond D", overhang, 1e-12, "relative",
+        picture=lambda: drawings.chart(
+            lambda axes: draw_boxes(axes, shown[0], rotations[worst], shown[1]), size=(4, 4)
+        ),
+    )  # fmt: skip
     figure("F2", "D above 2R", below, 1e-12, "relative")
     # 2R/D is at most 2/sqrt(3), by Jung's theorem for the plane of the axis.
     figure("F2", "2R/D above 2/sqrt(3)", above, 1e-12)
@@ -155,7 +190,13 @@ def test_c1_every_slice_lies_in_its_own_inner_window(figure, fit, padding):
             cascades = csm.fit_cascades(camera, light_at(camera, angle, rng), settings)
             assert_finite(cascades)
             missed += misses(camera, cascades, padding, rng)
-    figure("C1", f"{fit}: points outside their window", missed, 0, "points")
+    figure(
+        "C1", f"{fit}: points outside their window", missed, 0, "points",
+        picture=lambda: drawings.chart(
+            lambda axes: plot.light_plan(cascades, camera, ax=axes),
+            size=(5, 5),
+        ),
+    )  # fmt: skip
 
 
 @pytest.mark.slow

@@ -1,5 +1,6 @@
 """Corners, planes and matrices of a camera's slice, and what a box holds of it."""
 
+import drawings
 import numpy as np
 import oracles
 import pytest
@@ -90,7 +91,7 @@ def random_boxes(camera, rng, count):
 def test_g2_depth_of_a_box_equals_vertex_enumeration(figure, camera):
     rng = np.random.default_rng(3)
     planes = oracles.camera_planes(camera, camera.near, camera.far)
-    met, worst = 0, 0.0
+    met, worst, pairs = 0, 0.0, []
     for bounds in random_boxes(camera, rng, 150):
         all_planes = np.concatenate([planes, oracles.box_planes(bounds)])
         tolerance = 1e-9  # coordinates of 100 m in doubles, normals good to 1e-13
@@ -104,8 +105,15 @@ def test_g2_depth_of_a_box_equals_vertex_enumeration(figure, camera):
         assert len(vertices) > 0
         expected = ((vertices - camera.eye) @ -camera.backward).max()
         worst = max(worst, abs(depth - expected) / camera.far)
+        pairs.append((expected, depth))
     assert met > 50
-    figure("G2", "depth of the scene's bounds in view", worst, 1e-6, "of far")
+    figure(
+        "G2", "depth of the scene's bounds in view", worst, 1e-6, "of far",
+        picture=lambda: drawings.chart(
+            lambda axes: axes.plot(*np.transpose(pairs), "."), size=(4, 4),
+            title="depth by vertices [m], by the core [m]",
+        ),
+    )  # fmt: skip
 
 
 def test_g2_a_box_round_the_frustum_gives_far_and_a_box_behind_gives_none():

@@ -1,5 +1,6 @@
 """The light's axes: orthonormal and right-handed for every direction; no direction is refused."""
 
+import drawings
 import numpy as np
 import pytest
 
@@ -32,10 +33,24 @@ def check(to_light):
     return rotation
 
 
+def draw_errors(axes, errors):
+    """Errors of (n, 3) in the order of `errors_of`, as shares of the directions."""
+    shares = (np.arange(len(errors)) + 0.5) / len(errors)
+    for column, name in zip(errors.T, ("orthonormal", "right-handed", "light"), strict=True):
+        axes.step(np.sort(column), shares, label=f"from {name}")
+    axes.axvline(TOLERANCE, color="r")
+    axes.set(xlabel="error", ylabel="share of the directions")
+    axes.legend()
+
+
 def record(figure, directions):
     """The worst of many directions."""
-    skew, turned_over, aside = np.max([errors_of(each)[1] for each in directions], axis=0)
-    figure("B1", "axes from orthonormal", skew, TOLERANCE)
+    errors = np.array([errors_of(each)[1] for each in directions])
+    skew, turned_over, aside = errors.max(axis=0)
+    figure(
+        "B1", "axes from orthonormal", skew, TOLERANCE,
+        picture=lambda: drawings.chart(lambda axes: draw_errors(axes, errors)),
+    )  # fmt: skip
     figure("B1", "axes from right-handed", turned_over, TOLERANCE)
     figure("B1", "third axis from the light", aside, 4 * 2.0**-53)
 

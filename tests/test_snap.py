@@ -3,6 +3,7 @@ D3 of docs/numerics.md 16)."""
 
 import itertools
 
+import drawings
 import numpy as np
 import oracles
 import pytest
@@ -50,9 +51,18 @@ def path_of(kind, steps, texel, rng):
             camera = camera.replace(right=axes[0], up=axes[1], backward=axes[2])
 
 
+def draw_drift(axes, drifts):
+    """How far a point has moved within its texel since the first frame, (frames, cascades, 2)."""
+    for i in range(drifts.shape[1]):
+        axes.plot(drifts[:, i], label=[f"cascade {i}, {axis}" for axis in "uv"])
+    axes.set(xlabel="frame", ylabel="texels since the first frame")
+    axes.legend(fontsize=8)
+
+
 def check_path(figure, kind, size, padding, sun, fit, steps, rng):
-    off_lattice = drift = 0.0  # in units of their tolerance
+    off_lattice = drift = 0.0  # in roundings of their distance
     sizes_changed = 0
+    drifts = []
     settings = settings_for(size, padding, fit=fit)
     points = rng.uniform(-200, 200, size=(2000, 3))
     texel = phase = None
@@ -76,10 +86,16 @@ def check_path(figure, kind, size, padding, sun, fit, steps, rng):
             phase = places
         reach = (np.abs(points).max() * 2 + np.abs(corner).max()) / texel.min() + size
         drift = max(drift, np.abs(places - phase).max() / (2.0**-52 * reach))
+        drifts.append((places - phase)[:, 0])
     # To the bit; N is the distance from the world's origin in texels.
     figure("X1", "steps with another texel size", sizes_changed, 0, "frames")
     figure("X1", "window's corner from whole texels", off_lattice, 8, "N 2^-52 texels")
-    figure("X1", "phase of fixed points", drift, 8, "N 2^-52 texels")
+    figure(
+        "X1", "phase of fixed points", drift, 8, "N 2^-52 texels",
+        picture=lambda: drawings.chart(
+            lambda axes: draw_drift(axes, np.array(drifts)), title=f"{kind}, {fit}, map {size}"
+        ),
+    )  # fmt: skip
 
 
 @pytest.mark.parametrize("kind", PATHS)
@@ -166,6 +182,7 @@ def test_d3_decoded_depth_of_static_points_is_constant(figure, depth_format, ext
     camera = turned(rng, near=0.01 * extent, far=extent)
     first = spans = None
     moved, changed, off_steps = set(), 0, 0.0
+    steps_taken = []
     for _ in range(200):
         camera = camera.translated(rng.normal(size=3) * extent / 200)
         cascades = csm.fit_cascades(camera, csm.Sun((1, 2, 3)), settings, scene=scene)
@@ -178,6 +195,7 @@ def test_d3_decoded_depth_of_static_points_is_constant(figure, depth_format, ext
         off_steps = max(off_steps, np.abs(near_steps - np.round(near_steps)).max())
         near_quanta = int(np.round(near_steps[1])) * (levels // 255)
         moved.add(near_quanta)
+        steps_taken.append(near_steps[1])
         z = spaces.transform_points(cascades.clip_from_world[1], points)[:, 2] * levels
         # In the world: stored number plus the quanta of near. Points within 1e-4 quanta of a
         # rounding boundary are left out: there the last bit of a double decides.
@@ -190,7 +208,12 @@ def test_d3_decoded_depth_of_static_points_is_constant(figure, depth_format, ext
         changed += np.count_nonzero(decoded[both] != first[both])
     assert len(moved) > 3
     figure("D3", "near from whole 1/255 of the span", off_steps, 1e-9, "steps")
-    figure("D3", "decoded depths that changed", changed, 0, "points")
+    figure(
+        "D3", "decoded depths that changed", changed, 0, "points",
+        picture=lambda: drawings.chart(
+            lambda axes: axes.plot(steps_taken, ".-"), title="near of the range [1/255 of its span]"
+        ),
+    )  # fmt: skip
 
 
 # -------------------------------------------------------------------------------------------------

@@ -2,6 +2,7 @@
 
 import math
 
+import drawings
 import numpy as np
 import oracles
 import pytest
@@ -14,6 +15,14 @@ from csm import _core
 NEARS = [1e-4, 1e-3, 0.1, 1.0, 1e3]
 RATIOS = [1.001, 10.0, 1e3, 1e6, 1e10]
 LAMS = [0.0, 0.25, 0.5, 0.75, 1.0]
+
+
+def draw_splits(axes, near, far):
+    """The splits of 8 cascades, a row per weight."""
+    for lam in LAMS:
+        splits = csm.split_distances(near, far, 8, lam=lam)
+        axes.plot(splits, np.full(9, lam), "|-", markersize=14)
+    axes.set(xscale="log", xlabel="view depth [m]", ylabel="lam", yticks=LAMS)
 
 
 @pytest.mark.parametrize("near", NEARS)
@@ -37,7 +46,12 @@ def test_s1_practical_splits_equal_exact_decimals(figure, near, ratio):
     figure("S1", "splits not above the one before", disordered, 0, "splits")
     # log, exp and the sum are each good to half an ulp; exp turns the log's error, at most
     # u ln(f/n), into a relative one: 8 u (1 + ln f/n) covers all with room to spare.
-    figure("S1", "error", worst, 8 * oracles.U * (1 + math.log(ratio)), "relative")
+    figure(
+        "S1", "error", worst, 8 * oracles.U * (1 + math.log(ratio)), "relative",
+        picture=lambda: drawings.chart(
+            lambda axes: draw_splits(axes, near, far), title=f"splits, near {near:g}, far {far:g} m"
+        ),
+    )  # fmt: skip
     figure("S1", "error as float32, as shaders have them", worst_single, 2e-6, "relative")
 
 
