@@ -190,6 +190,7 @@ def cull_boxes(
     cascade: int,
     margin_texels: float = 0.0,
     whole_window: bool = False,
+    border_texels: float | None = None,
 ) -> NDArray[np.uint32]: ...
 def coverage(
     camera: _Camera,

@@ -26,8 +26,9 @@ class Frame:
         [m], inf where not valid.
     cascade_index : (h, w) uint8
         255 = none: beyond the shadow range, lit.
-    shadow_maps : (n, size, size) float32
-        ``[cascade, v, u]``, v = 0 at the bottom; depth 0 at the caster side, 1 far. Under the
+    shadow_maps : (n, size, size) float32, or a tuple of (size, size) float32
+        ``[cascade, v, u]``, v = 0 at the bottom; depth 0 at the caster side, 1 far. A tuple of
+        ``[v, u]`` where the settings give the cascades different sizes. Under the
         default ``cull="inclusive"`` they hold what can shadow the picture; ``cull="none"`` draws
         everything.
     normal : (h, w, 3) float32
@@ -41,7 +42,9 @@ class Frame:
     timings_ms : dict of str to float
         Milliseconds per pass, in order.
     info : dict
-        Driver, back end, clock of the timings, bytes, programs, canonical settings, culling.
+        Driver, back end, clock of the timings, bytes, programs, canonical settings, culling:
+        ``chunks_drawn`` and ``triangles_drawn`` per cascade, ``chunks_culled`` and, of those,
+        ``chunks_culled_exclusive``, what exclusive culling alone left out.
 
     Raises
     ------
@@ -99,18 +102,22 @@ def array_shapes(camera, settings, outputs, point_count):
     Returns
     -------
     shapes : dict of str to (shape, dtype)
+        For maps of different sizes a tuple of them.
     """
     width, height = camera.size
     image = (height, width)
-    size = settings.map_size
-    size = size if isinstance(size, int) else size[0]
+    sizes = settings.map_size
+    sizes = (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
+    maps = ((len(sizes), sizes[0], sizes[0]), np.float32)
+    if len(set(sizes)) > 1:
+        maps = tuple(((size, size), np.float32) for size in sizes)
     every = {
         "mask": (image, np.float32),
         "mask_single": (image, np.float32),
         "valid": (image, np.bool_),
         "view_depth": (image, np.float32),
         "cascade_index": (image, np.uint8),
-        "shadow_maps": ((settings.cascade_count, size, size), np.float32),
+        "shadow_maps": maps,
         "normal": ((*image, 3), np.float32),
     }
     shapes = {name: every[name] for name in OUTPUTS if name in outputs}
@@ -134,6 +141,7 @@ def prepare_arrays(shapes, out):
     Returns
     -------
     arrays : dict of str to ndarray
+        A tuple where `shapes` has one.
 
     Raises
     ------
@@ -142,10 +150,26 @@ def prepare_arrays(shapes, out):
     """
     if out is not None and not isinstance(out, Frame):
         raise TypeError(f"out must be a Frame of an earlier render (got {type(out).__name__})")
-    arrays = {}
-    for name, (shape, dtype) in shapes.items():
-        earlier = None if out is None else out._arrays.get(name)
-        if earlier is not None and earlier.shape != shape:
-            raise ValueError(f"out: {name} must have shape {shape} (got {earlier.shape})")
-        arrays[name] = np.empty(shape, dtype) if earlier is None else earlier
-    return arrays
+    return {
+        name: _prepared(name, wanted, None if out is None else out._arrays.get(name))
+        for name, wanted in shapes.items()
+    }
+
+
+def _prepared(name, wanted, earlier):
+    if isinstance(wanted[1], tuple):  # one array for each map
+        if earlier is None:
+            earlier = (None,) * len(wanted)
+        if not isinstance(earlier, tuple) or len(earlier) != len(wanted):
+            raise ValueError(f"out: {name} must be a tuple of {len(wanted)} arrays")
+        return tuple(
+            _prepared(f"{name}[{i}]", *pair)
+            for i, pair in enumerate(zip(wanted, earlier, strict=True))
+        )
+    shape, dtype = wanted
+    if earlier is None:
+        return np.empty(shape, dtype)
+    if not isinstance(earlier, np.ndarray) or earlier.shape != shape:
+        found = f"{len(earlier)} arrays" if isinstance(earlier, tuple) else earlier.shape
+        raise ValueError(f"out: {name} must have shape {shape} (got {found})")
+    return earlier

@@ -298,6 +298,7 @@ class Renderer:
             "chunks_viewed": result["chunks_viewed"],
             "chunks_drawn": lists["chunks_drawn"],
             "chunks_culled": [result["chunks"] - drawn for drawn in lists["chunks_drawn"]],
+            "chunks_culled_exclusive": lists["chunks_in_finer"],
             "triangles_drawn": lists["triangles_drawn"],
         }
 

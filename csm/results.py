@@ -147,6 +147,9 @@ def _pictures(frame, report, terrain):
 def _arrays(frame, truth, report):
     """Return what frame.npz holds: the frame's arrays and matrices, and the truth's."""
     arrays = {name: getattr(frame, name) for name in frame.outputs}
+    if isinstance(arrays.get("shadow_maps"), tuple):  # of different sizes: an array each
+        for i, depth in enumerate(arrays.pop("shadow_maps")):
+            arrays[f"shadow_map_{i}"] = depth
     for name in (
         *("splits", "texel_size", "lattice", "depth_range", "light_from_world"),
         *("clip_from_light", "clip_from_world", "uvz_from_world"),

@@ -23,8 +23,8 @@ class ShadowSettings:
     cascade_count : int
         1 to 8.
     map_size : int or tuple of int
-        Texels along a side of a shadow map, for all cascades or one per cascade. For now sizes per
-        cascade must be equal, as the maps are layers of one array; a plan refuses others.
+        Texels along a side of a shadow map, for all cascades or one per cascade. Maps are layers of
+        one array of the largest size, so that a smaller map takes as many bytes.
     split : {"practical", "uniform", "logarithmic", "manual", "resolution", "sdsm", "percentages", \
 "histogram"}
         How the view range is cut. ``"uniform"``: equal lengths; ``"logarithmic"``: equal ratios;

@@ -453,6 +453,13 @@ void csm_geometry_destroy(csm_geometry *geometry);
 /* Room for the outline of frustum and scene box met: 12 planes have at most 20 vertices. */
 #define CSM_HULL_MAX 24
 
+/* Part of a finer map's window: what lies wholly inside, in light x and y, shadows nothing that a
+ * coarser map is looked up for. */
+typedef struct csm_cull_rectangle {
+    double light_from_world[16];
+    double window[4]; /* light x min, y min, x max, y max [m] */
+} csm_cull_rectangle;
+
 /* What a cascade must draw: the hull of the visible frustum between two view depths, cut to the
  * scene's bounds where known, extruded towards the light, met with the cascade's window. */
 typedef struct csm_cull_volume {
@@ -462,23 +469,36 @@ typedef struct csm_cull_volume {
     double hull[CSM_HULL_MAX][2]; /* convex polygon in light x, y, counter-clockwise */
     double margin;   /* [m] added on each side of window and hull: kernel and rounding */
     double lowest_z; /* casters wholly below this light z cannot matter; -INFINITY: unknown */
+    int finer_count; /* rectangles of finer maps that are left out; 0: none */
+    csm_cull_rectangle finer[CSM_MAX_CASCADES - 1];
 } csm_cull_volume;
 
-/* Volume of cascade i: with selection by map the frustum from its slice on, with selection by
- * interval its slice; window alone when whole_window is true (receivers outside the picture).
+/* Volume of cascade i: with selection by interval the frustum of its slice, else from its slice on;
+ window alone when whole_window is true (receivers outside the picture).
  * margin_texels: how far from its receiver a lookup may reach (kernel radius, normal offset); one
  * texel for texel centres and rounding comes on top. An empty window where nothing is seen. */
 void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_camera *camera,
                           int select, double margin_texels, bool whole_window,
                           csm_cull_volume *out);
 
-/* False only if no caster inside the world box can shadow a receiver of the volume. */
+/* Exclusive culling: leaves out what lies wholly inside the window of one finer cascade, less
+ * border_texels of its own (where the finer map does not answer) and less what a lookup in the
+ * coarser map may reach from outside. Selection must be by window, not by depth. A finer cascade
+ * whose depth range does not hold the coarser one's is no reason to leave anything out. */
+void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double border_texels,
+                             csm_cull_volume *volume);
+
+/* False only if no caster inside the world box can shadow a receiver of the volume, whatever the
+ * finer maps answer for. */
 bool csm_cull_keep_box(const csm_cull_volume *volume, const double bounds[6]);
 
+/* True if the world box lies inside one of the volume's finer rectangles. */
+bool csm_cull_in_finer(const csm_cull_volume *volume, const double bounds[6]);
+
 /* Indices of kept items, ascending, into out (room for item_count); returns their number. A NULL
- * volume keeps all. */
+ * volume keeps all. *out_in_finer (may be NULL) counts what finer rectangles alone left out. */
 size_t csm_cull_items(const csm_geometry *geometry, const csm_cull_volume *volume,
-                      uint32_t *out_items);
+                      uint32_t *out_items, size_t *out_in_finer);
 
 /* The same for the camera: items whose box meets the frustum [near, far]. */
 size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camera,
@@ -640,7 +660,7 @@ typedef struct csm_render_out {
     float *view_depth;      /* height x width [m], inf where not valid */
     uint8_t *cascade_index; /* height x width, 255 = none */
     float *normal;          /* height x width x 3, towards the camera, 0 where not valid */
-    float *shadow_maps;     /* cascades x size x size, row 0 at the bottom */
+    float *shadow_maps[CSM_MAX_CASCADES]; /* each its size x size, row 0 at the bottom */
     float *point_visibility;
     uint8_t *point_cascade;
     /* filled in */
@@ -651,6 +671,7 @@ typedef struct csm_render_out {
     const char *clock; /* "timer query" or "wall clock around glFinish" */
     int items_total;
     int items_drawn[CSM_MAX_CASCADES];
+    int items_in_finer[CSM_MAX_CASCADES]; /* left out by exclusive culling alone */
     int64_t triangles_drawn[CSM_MAX_CASCADES];
     int view_items_drawn;
     uint64_t bytes; /* of the plan, and of the buffers of points; scene excluded */

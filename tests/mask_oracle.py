@@ -124,7 +124,8 @@ def choose(frame, positions, normals, view_depth, scale):
         return by_interval, np.ones(len(positions), bool)
     index = np.full(len(positions), NO_CASCADE)
     sure = np.ones(len(positions), bool)
-    padding = kernel_radius(settings)
+    # by frustum a kernel may reach over the rim
+    padding = 0 if settings.select == "frustum" else kernel_radius(settings)
     for i in range(cascades.count):
         at = place(frame, i, positions, normals, scale)
         size = cascades.map_size[i]
@@ -152,7 +153,8 @@ def visibility(frame, i, positions, normals, scale):
     lit = np.zeros((2, len(positions)))
     for dv in range(-radius, radius + 1):
         for du in range(-radius, radius + 1):
-            texel = whole + np.array([du, dv])
+            # beyond the rim the nearest texel inside is taken again
+            texel = np.clip(whole + np.array([du, dv]), 0, len(stored) - 1)
             depth = at.depth - at.bias
             if plane:
                 depth = depth + (at.slope * (texel + 0.5 - at.texel)).sum(axis=1)

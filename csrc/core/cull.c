@@ -109,28 +109,78 @@ void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_c
     out->margin = (margin_texels + 1.0) * texel;
     out->lowest_z = -INFINITY;
     if (!whole_window) {
-        /* By map, a cascade also serves what its window holds of the slices behind its own. */
-        const int last = select == CSM_SELECT_MAP ? cascades->count : cascade + 1;
+        /* By window, a cascade also serves what its own holds of the slices behind. */
+        const int last = select == CSM_SELECT_INTERVAL ? cascade + 1 : cascades->count;
         outline_visible(cascades, camera, cascades->splits[cascade], cascades->splits[last], out);
     }
 }
 
-bool csm_cull_keep_box(const csm_cull_volume *volume, const double bounds[6]) {
-    const double *m = volume->light_from_world;
-    double half[3], world_centre[3], centre[3];
+void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double border_texels,
+                             csm_cull_volume *volume) {
+    const double *own_range = cascades->depth_range[cascade];
+    for (int i = 0; i < cascade; i++) {
+        const double *range = cascades->depth_range[i];
+        if (range[0] > own_range[0] || range[1] < own_range[1]) {
+            continue; /* what lies outside the finer map's range falls to the coarser one */
+        }
+        csm_cull_rectangle *out = &volume->finer[volume->finer_count++];
+        memcpy(out->light_from_world, cascades->light_from_world[i], sizeof out->light_from_world);
+        double largest;
+        csm_cascade_window(cascades, i, out->window, &largest);
+        /* the margin is a square along the coarser cascade's axes */
+        const bool along =
+            !memcmp(out->light_from_world, volume->light_from_world, sizeof out->light_from_world);
+        const double margin = volume->margin * (along ? 1.0 : sqrt(2.0));
+        for (int axis = 0; axis < 2; axis++) {
+            const double shrink = margin + border_texels * cascades->texel_size[i][axis];
+            out->window[axis] += shrink;
+            out->window[axis + 2] -= shrink;
+        }
+    }
+}
+
+/* Centre of a box in light space, and the half extents of its bounds there. */
+static void box_in_light(const double *m, const double bounds[6], double out_centre[3],
+                         double out_half[3]) {
+    double half[3], world_centre[3];
     for (int axis = 0; axis < 3; axis++) {
         half[axis] = 0.5 * (bounds[axis + 3] - bounds[axis]);
         world_centre[axis] = bounds[axis] + half[axis];
     }
-    mat4_rotate(m, world_centre, centre);
-    const double half_z = fabs(m[2]) * half[0] + fabs(m[6]) * half[1] + fabs(m[10]) * half[2];
-    if (centre[2] + half_z < volume->lowest_z) {
+    mat4_rotate(m, world_centre, out_centre);
+    for (int row = 0; row < 3; row++) {
+        out_half[row] =
+            fabs(m[row]) * half[0] + fabs(m[4 + row]) * half[1] + fabs(m[8 + row]) * half[2];
+    }
+}
+
+bool csm_cull_in_finer(const csm_cull_volume *volume, const double bounds[6]) {
+    for (int i = 0; i < volume->finer_count; i++) {
+        const double *window = volume->finer[i].window;
+        double centre[3], half[3];
+        box_in_light(volume->finer[i].light_from_world, bounds, centre, half);
+        bool inside = true;
+        for (int axis = 0; axis < 2; axis++) {
+            inside = inside && centre[axis] - half[axis] > window[axis] &&
+                     centre[axis] + half[axis] < window[axis + 2];
+        }
+        if (inside) {
+            return true;
+        }
+    }
+    return false;
+}
+
+bool csm_cull_keep_box(const csm_cull_volume *volume, const double bounds[6]) {
+    const double *m = volume->light_from_world;
+    double centre[3], half_ls[3];
+    box_in_light(m, bounds, centre, half_ls);
+    if (centre[2] + half_ls[2] < volume->lowest_z) {
         return false;
     }
     double low[2], high[2];
     for (int axis = 0; axis < 2; axis++) {
-        const double reach = fabs(m[axis]) * half[0] + fabs(m[4 + axis]) * half[1] +
-                             fabs(m[8 + axis]) * half[2] + volume->margin;
+        const double reach = half_ls[axis] + volume->margin;
         low[axis] = centre[axis] - reach;
         high[axis] = centre[axis] + reach;
         if (high[axis] < volume->window[axis] || low[axis] > volume->window[axis + 2]) {
@@ -153,7 +203,8 @@ bool csm_cull_keep_box(const csm_cull_volume *volume, const double bounds[6]) {
         const double inward[2] = {a[1] - b[1], b[0] - a[0]};
         double reach = volume->margin * (fabs(inward[0]) + fabs(inward[1]));
         for (int axis = 0; axis < 3; axis++) {
-            reach += fabs(inward[0] * m[4 * axis] + inward[1] * m[4 * axis + 1]) * half[axis];
+            reach += fabs(inward[0] * m[4 * axis] + inward[1] * m[4 * axis + 1]) * 0.5 *
+                     (bounds[axis + 3] - bounds[axis]);
         }
         if (inward[0] * (centre[0] - a[0]) + inward[1] * (centre[1] - a[1]) + reach < 0.0) {
             return false;
@@ -162,20 +213,40 @@ bool csm_cull_keep_box(const csm_cull_volume *volume, const double bounds[6]) {
     return !beyond[0] && !beyond[1] && !beyond[2] && !beyond[3];
 }
 
+/* The volume for boxes and receivers that float32 has rounded. */
+static csm_cull_volume allow_for_rounding(const csm_cull_volume *volume, double rounding) {
+    csm_cull_volume out = *volume;
+    out.margin += rounding;
+    out.lowest_z -= rounding;
+    for (int i = 0; i < out.finer_count; i++) {
+        for (int axis = 0; axis < 2; axis++) {
+            out.finer[i].window[axis] += 2.0 * rounding;
+            out.finer[i].window[axis + 2] -= 2.0 * rounding;
+        }
+    }
+    return out;
+}
+
 size_t csm_cull_items(const csm_geometry *geometry, const csm_cull_volume *volume,
-                      uint32_t *out_items) {
+                      uint32_t *out_items, size_t *out_in_finer) {
     csm_cull_volume rounded = {0};
     if (volume) {
-        const double rounding = box_rounding(geometry->bounds);
-        rounded = *volume;
-        rounded.margin += rounding;
-        rounded.lowest_z -= rounding;
+        rounded = allow_for_rounding(volume, box_rounding(geometry->bounds));
     }
-    size_t kept = 0;
+    size_t kept = 0, in_finer = 0;
     for (size_t i = 0; i < geometry->item_count; i++) {
-        if (!volume || csm_cull_keep_box(&rounded, geometry->items[i].bounds)) {
-            out_items[kept++] = (uint32_t)i;
+        const double *bounds = geometry->items[i].bounds;
+        if (volume && !csm_cull_keep_box(&rounded, bounds)) {
+            continue;
         }
+        if (volume && csm_cull_in_finer(&rounded, bounds)) {
+            in_finer++;
+            continue;
+        }
+        out_items[kept++] = (uint32_t)i;
+    }
+    if (out_in_finer) {
+        *out_in_finer = in_finer;
     }
     return kept;
 }

@@ -156,11 +156,11 @@ void csm_settings_canonical_placement(csm_settings *settings) {
     if (effects[CSM_EFFECT_DEPTH_RANGE] != CSM_DEPTH_RANGE_MANUAL) {
         memset(settings->manual_depth_range, 0, sizeof settings->manual_depth_range);
     }
-    /* a finer map answers for its whole rectangle only if the choice is by rectangle and its depth
-     * range leaves nothing out */
+    /* a finer map answers for its whole rectangle only if the choice is by rectangle, the light's
+     * rays are parallel in it, and its depth range leaves out nothing that a coarser one holds */
     if (effects[CSM_EFFECT_CULL] == CSM_CULL_EXCLUSIVE &&
         (effects[CSM_EFFECT_SELECT] == CSM_SELECT_INTERVAL || effects[CSM_EFFECT_PANCAKE] ||
-         effects[CSM_EFFECT_DEPTH_RANGE] != CSM_DEPTH_RANGE_SCENE ||
+         effects[CSM_EFFECT_DEPTH_RANGE] == CSM_DEPTH_RANGE_WINDOW ||
          effects[CSM_EFFECT_WARP] != CSM_WARP_NONE || effects[CSM_EFFECT_CASCADE_COUNT] == 1)) {
         effects[CSM_EFFECT_CULL] = CSM_CULL_INCLUSIVE;
     }

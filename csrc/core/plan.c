@@ -143,7 +143,6 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
     csm_settings canonical = *settings;
     csm_settings_canonical(&canonical);
     int count = canonical.effects[CSM_EFFECT_CASCADE_COUNT];
-    int size = canonical.map_size[0];
     bool shadowed = canonical.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;
     bool maps = shadowed && (outputs & (CSM_OUT_MASK | CSM_OUT_SHADOW_MAPS | CSM_OUT_POINTS));
 
@@ -153,13 +152,6 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
     if (width < 1 || height < 1) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
                         "size must be at least 1 x 1 pixels (got %d x %d)", width, height);
-    }
-    for (int i = 1; i < count && shadowed; i++) {
-        if (canonical.map_size[i] != size) {
-            return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
-                            "map_size must be equal for all cascades of an array (got %d and %d)",
-                            size, canonical.map_size[i]);
-        }
     }
     memset(out, 0, sizeof *out);
     out->outputs = outputs;
@@ -176,6 +168,10 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
             add_step(out, CSM_STEP_SHADOW_MAP, i, &canonical);
         }
         int format = canonical.effects[CSM_EFFECT_DEPTH_FORMAT];
+        int size = 0; /* of a layer: smaller maps lie in the lower left corner of theirs */
+        for (int i = 0; i < count; i++) {
+            size = canonical.map_size[i] > size ? canonical.map_size[i] : size;
+        }
         add_texture(out, "shadow_maps", formats[format].name, size, size, count,
                     formats[format].bytes);
     }

@@ -281,13 +281,12 @@ static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_erro
 static void read_maps(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    int size = frame->settings.map_size[0];
     for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
         gl->NamedFramebufferTextureLayer(renderer->map_framebuffer, GL_DEPTH_ATTACHMENT,
                                          renderer->targets[CSM_TARGET_SHADOW_MAPS].texture, 0, i);
         gl->BindFramebuffer(GL_READ_FRAMEBUFFER, renderer->map_framebuffer);
-        gl->ReadPixels(0, 0, size, size, GL_DEPTH_COMPONENT, GL_FLOAT,
-                       frame->out->shadow_maps + (size_t)i * (size_t)size * (size_t)size);
+        int size = frame->settings.map_size[i];
+        gl->ReadPixels(0, 0, size, size, GL_DEPTH_COMPONENT, GL_FLOAT, frame->out->shadow_maps[i]);
     }
 }
 
@@ -313,7 +312,7 @@ static void read_back(csm_frame *frame) {
     for (size_t i = 0; i < pixels && out->valid; i++) {
         out->valid[i] = packed[i] >> 8 & 1u;
     }
-    if (out->shadow_maps) {
+    if (out->shadow_maps[0]) {
         read_maps(frame);
     }
     bool shadowed = frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;

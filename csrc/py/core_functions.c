@@ -430,21 +430,20 @@ static int parse_boxes(PyObject *object, const double bounds[6], csm_geometry *o
 
 PyDoc_STRVAR(cull_boxes_doc,
              "cull_boxes(camera, to_light, settings, scene_bounds, boxes, cascade, "
-             "margin_texels=0.0, whole_window=False)\n--\n\n"
+             "margin_texels=0.0, whole_window=False, border_texels=None)\n--\n\n"
              "Indices of the boxes (m, 6) that a cascade must draw; cascade -1: that the camera "
-             "sees.");
+             "sees. With border_texels also without those inside a finer cascade's window.");
 
 static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"camera",        "to_light",     "settings",
-                            "scene_bounds",  "boxes",        "cascade",
-                            "margin_texels", "whole_window", NULL};
-    PyObject *camera, *to_light, *settings, *bounds, *boxes;
+    static char *names[] = {"camera",  "to_light",      "settings",     "scene_bounds",  "boxes",
+                            "cascade", "margin_texels", "whole_window", "border_texels", NULL};
+    PyObject *camera, *to_light, *settings, *bounds, *boxes, *border = Py_None;
     int cascade, whole_window = 0;
     double margin_texels = 0.0;
     csm_py_fit arguments;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOOOi|dp:cull_boxes", names, &camera,
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOOOi|dpO:cull_boxes", names, &camera,
                                      &to_light, &settings, &bounds, &boxes, &cascade,
-                                     &margin_texels, &whole_window) ||
+                                     &margin_texels, &whole_window, &border) ||
         csm_py_parse_fit(camera, to_light, settings, bounds, Py_None, Py_None, Py_None,
                          &arguments) < 0) {
         return NULL;
@@ -457,6 +456,10 @@ static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) 
     if (cascade < -1 || cascade >= cascades.count) {
         return PyErr_Format(PyExc_ValueError, "cascade must be -1 to %d (got %d)",
                             cascades.count - 1, cascade);
+    }
+    const double border_texels = border == Py_None ? 0.0 : PyFloat_AsDouble(border);
+    if (PyErr_Occurred()) {
+        return NULL;
     }
     csm_geometry geometry = {0};
     if (parse_boxes(boxes, arguments.bounds, &geometry) < 0) {
@@ -473,11 +476,14 @@ static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) 
             csm_cull_volume_make(&cascades, cascade, view,
                                  arguments.settings.effects[CSM_EFFECT_SELECT], margin_texels,
                                  whole_window, &volume);
+            if (border != Py_None) {
+                csm_cull_volume_exclude(&cascades, cascade, border_texels, &volume);
+            }
         }
         npy_intp count[1];
         Py_BEGIN_ALLOW_THREADS
         count[0] = (npy_intp)(cascade < 0 ? csm_cull_items_view(&geometry, view, kept)
-                                          : csm_cull_items(&geometry, &volume, kept));
+                                          : csm_cull_items(&geometry, &volume, kept, NULL));
         Py_END_ALLOW_THREADS
         out = new_array(1, count, NPY_UINT32, kept);
     }

@@ -332,10 +332,9 @@ static PyObject *renderer_drop(PyObject *object, PyObject *capsule) {
 /* -- rendering ------------------------------------------------------------------------------------
  */
 
-/* The data of a writable, contiguous array of the type and element count, or NULL if it is not in
- * the dict; *ok is false with an exception if the array is not as it must be. */
-static void *output(PyObject *arrays, const char *name, int type, npy_intp count, bool *ok) {
-    PyObject *value = PyDict_GetItemString(arrays, name);
+/* The data of a writable, contiguous array of the type and element count, or NULL if there is none;
+ * *ok is false with an exception if the array is not as it must be. */
+static void *array_data(PyObject *value, const char *name, int type, npy_intp count, bool *ok) {
     if (!value || !*ok) {
         return NULL;
     }
@@ -351,28 +350,50 @@ static void *output(PyObject *arrays, const char *name, int type, npy_intp count
     return PyArray_DATA(array);
 }
 
+static void *output(PyObject *arrays, const char *name, int type, npy_intp count, bool *ok) {
+    return array_data(PyDict_GetItemString(arrays, name), name, type, count, ok);
+}
+
+/* One array of equal maps, or a tuple of maps. */
+static void bind_maps(PyObject *arrays, const csm_settings *settings, csm_render_out *out,
+                      bool *ok) {
+    PyObject *value = PyDict_GetItemString(arrays, "shadow_maps");
+    const int count = settings->effects[CSM_EFFECT_CASCADE_COUNT];
+    const bool apart = value && PyTuple_Check(value);
+    if (apart && PyTuple_GET_SIZE(value) != count) {
+        PyErr_Format(PyExc_ValueError, "out: shadow_maps must be %d arrays", count);
+        *ok = false;
+    }
+    const npy_intp first = (npy_intp)settings->map_size[0] * settings->map_size[0];
+    float *whole = apart ? NULL : array_data(value, "shadow_maps", NPY_FLOAT32, count * first, ok);
+    for (int i = 0; i < count && *ok; i++) {
+        const npy_intp texels = (npy_intp)settings->map_size[i] * settings->map_size[i];
+        out->shadow_maps[i] =
+            apart   ? array_data(PyTuple_GET_ITEM(value, i), "shadow_maps", NPY_FLOAT32, texels, ok)
+            : whole ? whole + i * first
+                    : NULL;
+    }
+}
+
 static bool bind_arrays(PyObject *arrays, const csm_render_desc *desc, csm_render_out *out) {
     bool ok = true;
     npy_intp pixels = (npy_intp)desc->camera.width * desc->camera.height;
     npy_intp points = (npy_intp)desc->point_count;
-    npy_intp texels = 0;
-    for (int i = 0; i < desc->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
-        texels += (npy_intp)desc->settings.map_size[i] * desc->settings.map_size[i];
-    }
     out->mask = output(arrays, "mask", NPY_FLOAT32, pixels, &ok);
     out->valid = output(arrays, "valid", NPY_BOOL, pixels, &ok);
     out->view_depth = output(arrays, "view_depth", NPY_FLOAT32, pixels, &ok);
     out->cascade_index = output(arrays, "cascade_index", NPY_UINT8, pixels, &ok);
     out->normal = output(arrays, "normal", NPY_FLOAT32, 3 * pixels, &ok);
-    out->shadow_maps = output(arrays, "shadow_maps", NPY_FLOAT32, texels, &ok);
+    bind_maps(arrays, &desc->settings, out, &ok);
     out->point_visibility = output(arrays, "point_visibility", NPY_FLOAT32, points, &ok);
     out->point_cascade = output(arrays, "point_cascade", NPY_UINT8, points, &ok);
     return ok;
 }
 
 static PyObject *lists_of(const csm_render_out *out, int cascades) {
-    PyObject *timings = PyDict_New(), *items = PyList_New(0), *triangles = PyList_New(0);
-    bool complete = timings && items && triangles;
+    PyObject *timings = PyDict_New(), *items = PyList_New(0), *triangles = PyList_New(0),
+             *in_finer = PyList_New(0);
+    bool complete = timings && items && triangles && in_finer;
     for (int i = 0; i < out->timing_count && complete; i++) {
         PyObject *value = PyFloat_FromDouble(out->timing_ms[i]);
         complete = value && PyDict_SetItemString(timings, out->timing_names[i], value) == 0;
@@ -381,19 +402,24 @@ static PyObject *lists_of(const csm_render_out *out, int cascades) {
     for (int i = 0; i < cascades && complete; i++) {
         PyObject *item_count = PyLong_FromLong(out->items_drawn[i]);
         PyObject *triangle_count = PyLong_FromLongLong(out->triangles_drawn[i]);
-        complete = item_count && triangle_count && PyList_Append(items, item_count) == 0 &&
-                   PyList_Append(triangles, triangle_count) == 0;
+        PyObject *in_finer_count = PyLong_FromLong(out->items_in_finer[i]);
+        complete = item_count && triangle_count && in_finer_count &&
+                   PyList_Append(items, item_count) == 0 &&
+                   PyList_Append(triangles, triangle_count) == 0 &&
+                   PyList_Append(in_finer, in_finer_count) == 0;
         Py_XDECREF(item_count);
         Py_XDECREF(triangle_count);
+        Py_XDECREF(in_finer_count);
     }
     if (!complete) {
         Py_XDECREF(timings);
+        Py_XDECREF(in_finer);
         Py_XDECREF(items);
         Py_XDECREF(triangles);
         return NULL;
     }
-    return Py_BuildValue("{s:N,s:N,s:N}", "timings_ms", timings, "chunks_drawn", items,
-                         "triangles_drawn", triangles);
+    return Py_BuildValue("{s:N,s:N,s:N,s:N}", "timings_ms", timings, "chunks_drawn", items,
+                         "triangles_drawn", triangles, "chunks_in_finer", in_finer);
 }
 
 static PyObject *result_of(const csm_render_out *out) {

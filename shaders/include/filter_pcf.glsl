@@ -8,7 +8,9 @@
 
 float filter_visibility(map_receiver at)
 {
-    vec2 uv = (vec2(at.texel) + at.fraction) / float(at.size);
+    // texels beyond the rim are those at it: the layer may hold more than this map
+    vec2 place = clamp(vec2(at.texel) + at.fraction, 0.5, float(at.size) - 0.5);
+    vec2 uv = place / vec2(textureSize(shadow_compare, 0).xy);
     return texture(shadow_compare, vec4(uv, float(at.cascade), min(at.z, 1.0)));
 }
 
@@ -22,20 +24,36 @@ float pcf_tap(map_receiver at, ivec2 offset, float stored)
     if (max(offset.x, offset.y) > pcf_radius) {
         return 0.0;
     }
+#if CSM_SELECT != CSM_SELECT_MAP
+    offset = clamp(at.texel + offset, ivec2(0), ivec2(at.size - 1)) - at.texel;
+#endif
     float plane = at.z + dot(at.slope, vec2(offset) + 0.5 - at.fraction);
     return min(plane, 1.0) <= stored ? 1.0 : 0.0; // an empty texel holds 1, however far the plane runs
 }
 
+// Depths of the texels around the corner shared by texels (c - 1, c) along both axes, in the order of
+// textureGather: left above, right above, right below, left below.
+vec4 pcf_depths(map_receiver at, ivec2 corner, vec2 layer_size)
+{
+#if CSM_SELECT == CSM_SELECT_MAP
+    return textureGather(shadow_maps, vec3(vec2(corner) / layer_size, float(at.cascade)));
+#else
+    // a kernel over the rim takes the texels at the rim again: the layer may hold more than this map
+    ivec2 inner = clamp(corner, ivec2(1), ivec2(at.size - 1));
+    vec4 stored = textureGather(shadow_maps, vec3(vec2(inner) / layer_size, float(at.cascade)));
+    stored = corner.x < inner.x ? stored.xxww : corner.x > inner.x ? stored.yyzz : stored;
+    return corner.y < inner.y ? stored.wzzw : corner.y > inner.y ? stored.xyyx : stored;
+#endif
+}
+
 float filter_visibility(map_receiver at)
 {
-    float size = float(at.size);
+    vec2 layer_size = vec2(textureSize(shadow_maps, 0).xy);
     float lit = 0.0;
     for (int y = -pcf_radius; y <= pcf_radius; y += 2) {
         for (int x = -pcf_radius; x <= pcf_radius; x += 2) {
-            // gather around the corner shared by texels (x, y) .. (x + 1, y + 1)
             ivec2 offset = ivec2(x, y);
-            vec2 uv = vec2(at.texel + offset + 1) / size;
-            vec4 stored = textureGather(shadow_maps, vec3(uv, float(at.cascade)));
+            vec4 stored = pcf_depths(at, at.texel + offset + 1, layer_size);
             lit += pcf_tap(at, offset + ivec2(0, 1), stored.x) +
                    pcf_tap(at, offset + ivec2(1, 1), stored.y) +
                    pcf_tap(at, offset + ivec2(1, 0), stored.z) + pcf_tap(at, offset, stored.w);
