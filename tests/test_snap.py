@@ -126,6 +126,39 @@ def test_x1_thousand_steps_under_every_sun(figure, number):
         check_path(figure, kind, 1024, 1, suns()[number], fit, 1000, rng)
 
 
+@pytest.mark.parametrize("distance", [0.0, 1e2, 1e4, 1e6])
+def test_x1_phase_in_float32(figure, distance):
+    """As a shader has it: positions and matrix in float32. From the world's origin the phase of a
+    fixed point may move by a rounding of its distance; relative to a near point that is fixed to
+    the world, with the lattice kept as integers, it stays."""
+    rng = np.random.default_rng(24)
+    origin = np.round(rng.normal(size=3) * distance)
+    local = rng.uniform(-8, 8, size=(500, 3)).astype(np.float32)
+    settings, sun = settings_for(1024, 1), csm.Sun((0.4, 0.8, 0.3))
+    camera = turned(rng, near=0.5, far=20.0, eye=origin)
+    world_phase, local_phase = [], []
+    for _ in range(200):
+        camera = camera.translated(rng.normal(size=3) * 0.1)
+        cascades = csm.fit_cascades(camera, sun, settings)
+        matrix = cascades.uvz_from_world[0]
+        shift = np.eye(4)
+        shift[:3, 3] = origin
+        points = (local + origin).astype(np.float32)
+        for phases, m, p in (
+            (world_phase, matrix, points),
+            (local_phase, matrix @ shift, local),
+        ):
+            m = m.astype(np.float32)
+            at = (p @ m[:2, :3].T + m[:2, 3]) * np.float32(1024) + cascades.lattice[0]
+            phases.append(at.astype(np.float64))
+        texels_off_origin = np.abs(points / cascades.texel_size[0, 0]).max()
+    # N * 2^-23, N being the distance from the world's origin in texels.
+    moved = [np.abs(np.array(each) - each[0]).max() for each in (world_phase, local_phase)]
+    bound = max(1e-3, texels_off_origin * 2.0**-23)
+    figure("X1", "phase in float32 from the world's origin", moved[0], bound, "texels")
+    figure("X1", "phase in float32 from a near point", moved[1], 1e-3, "texels")
+
+
 def test_x1_a_box_fit_keeps_its_texels_while_the_camera_only_moves(figure):
     rng = np.random.default_rng(23)
     settings = settings_for(512, 0, fit="box")
