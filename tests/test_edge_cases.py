@@ -1,10 +1,12 @@
-"""Geometry and cameras at the edge of what can be drawn, through every fit (R1 and W1 of
-docs/numerics.md 16): numbers come out, and they are visibilities."""
+"""Geometry, cameras and places at the edge of what can be drawn and looked up, through every fit
+(R1, W1 and C2 of docs/numerics.md 16): numbers come out, and they are visibilities."""
 
 import drawings
 import numpy as np
+import oracles
 import pytest
 import small_scenes
+from views import scene_of, turned
 
 import csm
 from csm import _core, shapes
@@ -157,3 +159,53 @@ def test_w1_extreme_cameras_are_drawn(figure, renderer, fit):
         picture=lambda: grey(picture),
     )  # fmt: skip
     figure("W1", f"{fit}: pixels that see another surface 10^6 m away", moved / seen, 1e-4, "share")
+
+
+# -- C2 --------------------------------------------------------------------------------------------
+
+LIGHT_ANGLES = (0, 1e-9, 1e-6, 1e-3, 5, 30, 60, 90, 120, 175, 180)  # deg, from the view
+
+
+@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize(
+    "padding",
+    [0, *(pytest.param(p, marks=pytest.mark.slow) for p in (1, 2)), 3,
+     *(pytest.param(p, marks=pytest.mark.slow) for p in (4, 5, 6, 7))],
+)  # fmt: skip
+def test_c2_points_of_the_view_through_every_fit(figure, renderer, fit, padding):
+    rng = np.random.default_rng(50 + padding)
+    scene = scene_of([[-400, -400, -400], [400, 400, 400]])
+    kernel = {"filter": "pcf", "filter_size": 2 * padding + 1} if padding else {}
+    settings = csm.ShadowSettings(map_size=256, fit=fit, view_range="camera", **kernel)
+    coarser = lost = beyond = unlit = 0
+    for angle, fov in zip(LIGHT_ANGLES, np.resize([15, 60, 95, 150], 11), strict=True):
+        camera = turned(rng, fov, near=0.5, far=60.0, size=(32, 18))
+        around = rng.uniform(0, 2 * np.pi)
+        side = np.cos(around) * camera.right + np.sin(around) * camera.up
+        turn = np.radians(angle)
+        sun = csm.Sun(-np.cos(turn) * camera.backward + np.sin(turn) * side)
+        seen = oracles.sample_slice(camera, 0.5001, 59.999, 1500, rng)
+        behind = oracles.sample_slice(camera, 60.01, 300.0, 300, rng)
+        indices = {}
+        for select in ("map", "interval"):
+            frame = renderer.render(
+                scene, camera, sun, settings.replace(select=select), outputs=(),
+                points=np.concatenate([seen, behind]),
+            )  # fmt: skip
+            indices[select] = frame.point_cascade
+            away = frame.point_cascade == 255
+            unlit += np.count_nonzero(frame.point_visibility[away] != 1.0)
+            beyond += np.count_nonzero((frame.point_cascade >= 4) & ~away)
+        by_map, by_interval = (indices[select][: len(seen)] for select in ("map", "interval"))
+        # On the frustum's own faces float32 decides.
+        inner = np.abs((seen - camera.eye) @ np.stack([camera.right, camera.up]).T)
+        inner /= -((seen - camera.eye) @ camera.backward)[:, None]
+        held = (inner < 0.9999 * np.array([camera.half_width, camera.half_height])).all(axis=1)
+        lost += np.count_nonzero(by_map[held] == 255)
+        # What lies before a shifted sphere is the map's before: by interval it has none.
+        both = held & (by_interval != 255)
+        coarser += np.count_nonzero(by_map[both] > by_interval[both])
+    figure("C2", f"{fit}: index by map above that by interval", coarser, 0, "points")
+    figure("C2", f"{fit}: points of the view in no map", lost, 0, "points")
+    figure("C2", "indices of no cascade", beyond, 0, "points")
+    figure("C2", "points in no map that are not lit", unlit, 0, "points")
