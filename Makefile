@@ -4,7 +4,7 @@
 PYTHON_VENV := .venv/bin/python
 PYTEST_ARGS ?=
 HARD_CASES_ARGS ?=
-C_FILES = $(shell find csrc -name '*.[ch]')
+C_FILES = $(shell find csrc benchmarks -name '*.[ch]')
 # GLFW needs a display; without one, a virtual one is enough.
 DISPLAYED = $(if $(DISPLAY),,$(if $(shell command -v xvfb-run 2>/dev/null),xvfb-run -a))
 
@@ -15,7 +15,7 @@ help:
 	@echo 'make hard-cases  worst figures of what is easy to get wrong, in ./hard-cases'
 	@echo 'make sanitize  the tests with address and undefined-behaviour sanitizers'
 	@echo 'make wheels  sdist, wheel from it, fast tests on Python 3.11, 3.12, 3.13'
-	@echo 'make bench   time per pass and the whole job, beside hand-written moderngl'
+	@echo 'make bench   fits per second; time per pass; the whole job beside hand-written moderngl'
 	@echo 'make lint    ruff, clang-format, clang-tidy;  make format  applies the formats'
 
 setup:
@@ -43,6 +43,7 @@ wheels: setup-dev
 	@$(DISPLAYED) $(PYTHON_VENV) scripts/wheels.py
 
 bench: setup-dev
+	@$(PYTHON_VENV) benchmarks/bench_fit.py
 	@$(PYTHON_VENV) benchmarks/bench_passes.py
 
 lint: setup-dev

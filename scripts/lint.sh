@@ -5,7 +5,7 @@ cd "$(dirname "$0")/.."
 failed=0
 .venv/bin/python -m ruff check . || failed=1
 .venv/bin/python -m ruff format --check . || failed=1
-mapfile -t c_files < <(find csrc -name '*.[ch]' | sort)
+mapfile -t c_files < <(find csrc benchmarks -name '*.[ch]' | sort)
 if command -v clang-format >/dev/null; then
     clang-format --dry-run --Werror "${c_files[@]}" || failed=1
 else
@@ -14,7 +14,7 @@ fi
 if command -v clang-tidy >/dev/null; then
     mapfile -t includes < <(.venv/bin/python -c 'import numpy, sysconfig
 print("-isystem", numpy.get_include(), "-isystem", sysconfig.get_path("include"), sep="\n")')
-    mapfile -t units < <(find csrc -name '*.c' | sort)
+    mapfile -t units < <(find csrc benchmarks -name '*.c' | sort)
     clang-tidy --quiet "${units[@]}" -- -std=c11 -D_POSIX_C_SOURCE=200809L -Icsrc \
         -isystem build/glad/include "${includes[@]}" 2>/dev/null || failed=1
 else
