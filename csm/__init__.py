@@ -4,6 +4,7 @@ from importlib import metadata as _metadata
 
 from . import plot, scenes
 from .cascades import Cascades, fit_cascades
+from .check_files import read_check, write_check
 from .checks import CascadeCheck, CheckProblem, check_cascades
 from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, ShaderError
 from .frame import Frame
@@ -46,7 +47,9 @@ __all__ = [
     "load_elevation",
     "plan",
     "plot",
+    "read_check",
     "scenes",
     "split_distances",
     "truth",
+    "write_check",
 ]

@@ -205,12 +205,10 @@ def check_cascades(
     bounds: what looks empty above a slice may hold one. Cascades with ``pancake`` lose none
     (docs/numerics.md 23).
     """
-    sets, cameras = _frames(cascades, camera)
+    sets, cameras, bounds, seen = matched_frames(cascades, camera, scene, receivers)
     if select not in SELECTS:
         raise ValueError(f"select must be one of {', '.join(SELECTS)} (got {select!r})")
     border = as_number("border_texels", border_texels, 0.0, 1e6, rule="a number >= 0")
-    bounds = _bounds(scene)
-    seen = _receivers(receivers, len(sets))
     measured = [
         _core.coverage(
             frame_camera,
@@ -244,6 +242,12 @@ def check_cascades(
 
 
 # -- arguments -------------------------------------------------------------------------------------
+
+
+def matched_frames(cascades, camera, scene, receivers):
+    """Return cascades, cameras, bounds and receivers that correspond, or say why they do not."""
+    sets, cameras = _frames(cascades, camera)
+    return sets, cameras, _bounds(scene), _receivers(receivers, len(sets))
 
 
 def _frames(cascades, camera):
@@ -283,7 +287,7 @@ def _receivers(receivers, frames):
     """One array, or None, for each frame."""
     if receivers is None:
         return [None] * frames
-    several = isinstance(receivers, (list, tuple)) and frames > 1 and len(receivers) == frames
+    several = isinstance(receivers, (list, tuple)) and len(receivers) == frames
     if several and all(np.ndim(points) == 2 for points in receivers):
         return [_points(points) for points in receivers]
     return [_points(receivers)] * frames

@@ -18,6 +18,8 @@ from .arguments import (
     parse_settings,
     parse_size,
 )
+from .check_files import read_check
+from .checks import check_cascades
 from .errors import CsmError
 from .hard_cases import CASES, NO_BACKEND, collect, find_tests, missing, page, table, write_page
 from .metrics import compare, edge_yardstick
@@ -65,6 +67,14 @@ examples:
 exit status: 0 done, 2 bad input (one sentence on stderr, nothing written), 130 interrupted
 """
 
+CHECK_HELP = """\
+Prove the cascades of a file sound, one frame or a path, or say what is wrong with them: gaps,
+overflow, depth range, a texel grid that moves, a size that changes, a mirrored map.
+docs/check-format.md describes the file; csm.write_check writes one.
+
+exit status: 0 sound, 1 problems found, 2 bad input (one sentence on stderr)
+"""
+
 HARD_CASES_HELP = """\
 Run the hard-case tests of a checkout, those without OpenGL once and those that draw once per back
 end, and print for every check the worst figure, its tolerance and the number of cases.
@@ -85,7 +95,7 @@ def main(arguments=None):
     Returns
     -------
     status : int
-        0 done, 1 a hard case failed, 2 bad input, 130 interrupted.
+        0 done, 1 a check or a hard case failed, 2 bad input, 130 interrupted.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
@@ -136,6 +146,15 @@ def _parser():
         description="For each back end: available or why not, OpenGL version, driver, limits.",
     )
     info.set_defaults(run=_info)
+    check = commands.add_parser(
+        "check",
+        help="prove cascades sound, ours or anybody's, from a file of matrices",
+        description=CHECK_HELP,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    check.add_argument("file", metavar="FILE.json", help="cameras, matrices, splits, map sizes")
+    check.add_argument("--quiet", action="store_true", help="no table on stdout")
+    check.set_defaults(run=_check)
     cases = commands.add_parser(
         "hard-cases",
         help="run the tests of what is easy to get wrong; a table and a page of their figures",
@@ -287,6 +306,15 @@ def _info(options):
             if key not in ("backend", "programs_compiled", "live_objects"):
                 text = f"{value:,}" if type(value) is int else value
                 print(f"  {key.replace('_', ' '):20}{text}")
+
+
+def _check(options):
+    """Judge a file of cascades; 1 if anything is wrong."""
+    cascades, cameras, more = read_check(options.file)
+    check = check_cascades(cascades, cameras, **more)
+    if not options.quiet:
+        print(check)
+    return int(not check.ok)
 
 
 def _hard_cases(options):
