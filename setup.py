@@ -19,7 +19,8 @@ CORE = (
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
-    " uniforms pass_view pass_shadow_map pass_shadow_mask renderer"
+    " uniforms pass_view pass_shadow_map pass_shadow_mask"
+    " pass_shadow_forward renderer"
 )
 PY = "errors arrays core_functions coverage_functions settings_functions renderer_type module"
 FOLDERS = {"core": CORE, "gl": GL, "py": PY}

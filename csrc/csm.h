@@ -80,7 +80,8 @@ void csm_fail_more(csm_error *err, const char *format, ...) __attribute__((forma
 #define CSM_PASS_SHADOW_MAP 1u
 #define CSM_PASS_VIEW 2u
 #define CSM_PASS_SHADOW_MASK 4u
-#define CSM_PASS_CPU 8u /* seen by the fit or the culling, by no shader */
+#define CSM_PASS_SHADOW_FORWARD 16u /* it sees what the mask pass sees too */
+#define CSM_PASS_CPU 8u             /* seen by the fit or the culling, by no shader */
 
 typedef enum csm_effect {
 #define CSM_EFFECT(id, name, type, default_value, min, max, passes, choices, help) CSM_EFFECT_##id,
@@ -523,11 +524,13 @@ typedef enum csm_pass {
     CSM_STEP_VIEW,
     CSM_STEP_SHADOW_MAP,
     CSM_STEP_SHADOW_MASK,
+    CSM_STEP_SHADOW_FORWARD, /* in its place where light coordinates are interpolated */
     CSM_STEP_SHADOW_POINTS,
     CSM_STEP_COUNT
 } csm_pass;
 
-const char *csm_pass_name(csm_pass pass); /* "view", "shadow_map", "shadow_mask", "shadow_points" */
+/* "view", "shadow_map", "shadow_mask", "shadow_forward", "shadow_points". */
+const char *csm_pass_name(csm_pass pass);
 
 typedef struct csm_plan_step {
     csm_pass pass;

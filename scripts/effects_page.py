@@ -18,7 +18,8 @@ Written by `python -m scripts.effects_page` from `csrc/csm_effects.def`; do not 
 
 `csm.ShadowSettings` holds two kinds of settings. An **effect** changes which code, passes or
 textures exist: it is a `#define` of the passes named here, and of no other, so changing it compiles
-those passes once (`shadow_points` compiles as `shadow_mask` does). A **number** feeds a uniform or
+those passes once (`shadow_points` and `shadow_forward`
+compile as `shadow_mask` does). A **number** feeds a uniform or
 the CPU: changing it compiles nothing.
 
 ## Effects
@@ -34,8 +35,8 @@ NUMBERS = """
 |---|---|
 """
 
-# Bits of the table's `passes`, in the order of csm.h.
-PASSES = ("shadow_map", "view", "shadow_mask")
+# Bits of the table's `passes`.
+PASSES = {"shadow_map": 1, "view": 2, "shadow_mask": 4, "shadow_forward": 16}
 
 
 def title_of(row):
@@ -56,7 +57,7 @@ def values_of(row):
 
 def passes_of(row):
     """Names of the passes that a row's effect is compiled into."""
-    seen = [name for bit, name in enumerate(PASSES) if row["passes"] >> bit & 1]
+    seen = [name for name, bit in PASSES.items() if row["passes"] & bit]
     return ", ".join(seen) or "nothing"
 
 

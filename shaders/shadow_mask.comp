@@ -9,30 +9,7 @@ layout(binding = 0) uniform usampler2D view_ids;
 
 layout(binding = 3) uniform samplerBuffer planes; // unit normal and offset of every stored triangle
 
-#if CSM_OUT_MASK
-layout(std430, binding = 2) writeonly buffer mask_block
-{
-    float mask[];
-};
-#endif
-#if CSM_OUT_VALID || CSM_OUT_CASCADE_INDEX
-layout(std430, binding = 3) writeonly buffer index_block
-{
-    uint cascade_index[]; // valid in bit 8
-};
-#endif
-#if CSM_OUT_VIEW_DEPTH
-layout(std430, binding = 4) writeonly buffer view_depth_block
-{
-    float view_depth[];
-};
-#endif
-#if CSM_OUT_NORMAL
-layout(std430, binding = 5) writeonly buffer normal_block
-{
-    float normal[];
-};
-#endif
+#include "include/answer.glsl"
 
 const uint nothing = 0xffffffffu;
 
@@ -70,29 +47,9 @@ void answer(ivec2 pixel)
 {
     // the last run of a row may be cut: its surplus writes the last pixel's answer again
     pixel.x = min(pixel.x, frame.image.x - 1);
-    // row 0 is on top outside, at the bottom in GL
-    int place = (frame.image.y - 1 - pixel.y) * frame.image.x + pixel.x;
     bool seen;
     receiver point = receiver_at(pixel, seen);
-    int cascade = no_cascade;
-#if CSM_OUT_MASK
-    bool facing = dot(point.normal, frame.to_light.xyz) > facing_limit;
-    float visibility = receiver_visibility(point, cascade);
-    mask[place] = seen ? (facing ? visibility : 0.0) : 1.0;
-#elif CSM_OUT_CASCADE_INDEX
-    cascade = receiver_cascade(point);
-#endif
-#if CSM_OUT_VALID || CSM_OUT_CASCADE_INDEX
-    cascade_index[place] = seen ? uint(cascade) | 256u : uint(no_cascade);
-#endif
-#if CSM_OUT_VIEW_DEPTH
-    view_depth[place] = point.view_depth;
-#endif
-#if CSM_OUT_NORMAL
-    normal[3 * place] = point.normal.x;
-    normal[3 * place + 1] = point.normal.y;
-    normal[3 * place + 2] = point.normal.z;
-#endif
+    write_answer(pixel, point, seen);
 }
 
 void main()

@@ -4,6 +4,8 @@
 
 layout(location = 0) flat out uvec2 ids; // of the provoking vertex, which ends one triangle alone
 
+invariant gl_Position; // shadow_forward.vert draws the same pixels again
+
 void main()
 {
     // The eye is subtracted first, in two parts: near the eye this difference is exact, and the

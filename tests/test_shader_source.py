@@ -263,7 +263,7 @@ def test_a_broken_pass_fails_only_the_frames_that_need_it(fresh_renderer, folder
 def test_every_csm_word_of_a_shader_is_defined_for_its_pass(path):
     # Mesa takes an undefined name in #if as 0 without a word
     text = re.sub(r"//[^\n]*", "", path.read_text())
-    for name in ("view", "shadow_map", "shadow_mask", "shadow_points"):
+    for name in ("view", "shadow_map", "shadow_mask", "shadow_forward", "shadow_points"):
         defines = _core.program_defines(name, csm.ShadowSettings(), _core.OUTPUTS["mask"])
         unknown = set(re.findall(r"\bCSM_\w+", text)) - set(re.findall(r"\bCSM_\w+", defines))
         assert not unknown

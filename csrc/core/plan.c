@@ -19,6 +19,8 @@ static const struct {
     [CSM_STEP_VIEW] = {"view", CSM_PASS_VIEW, 0},
     [CSM_STEP_SHADOW_MAP] = {"shadow_map", CSM_PASS_SHADOW_MAP, 0},
     [CSM_STEP_SHADOW_MASK] = {"shadow_mask", CSM_PASS_SHADOW_MASK, MASK_OUTPUTS},
+    [CSM_STEP_SHADOW_FORWARD] = {"shadow_forward", CSM_PASS_SHADOW_MASK | CSM_PASS_SHADOW_FORWARD,
+                                 MASK_OUTPUTS},
     [CSM_STEP_SHADOW_POINTS] = {"shadow_points", CSM_PASS_SHADOW_MASK, 0},
 };
 
@@ -176,7 +178,8 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
                     formats[format].bytes);
     }
     if (outputs & MASK_OUTPUTS) {
-        add_step(out, CSM_STEP_SHADOW_MASK, -1, &canonical);
+        bool forward = canonical.effects[CSM_EFFECT_TEXCOORD] == CSM_TEXCOORD_INTERPOLATED;
+        add_step(out, forward ? CSM_STEP_SHADOW_FORWARD : CSM_STEP_SHADOW_MASK, -1, &canonical);
     }
     if ((outputs & CSM_OUT_POINTS) && shadowed) {
         add_step(out, CSM_STEP_SHADOW_POINTS, -1, &canonical);

@@ -271,7 +271,16 @@ double csm_clock_ms(void);
 csm_status csm_pass_view(csm_frame *frame, csm_error *err);
 csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err);
 csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err);
+csm_status csm_pass_shadow_forward(csm_frame *frame, csm_error *err);
 csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err);
+
+/* pass_view.c: the draw list of what the camera may see; returns how many items. */
+csm_status csm_view_draws_fill(csm_frame *frame, int *out_items, csm_error *err);
+
+/* pass_shadow_mask.c: what both ways of making a mask read and write. */
+void csm_mask_bind_inputs(csm_frame *frame);
+csm_status csm_mask_bind_outputs(csm_frame *frame, csm_error *err);
+void csm_mask_set_image(csm_frame *frame, int first, int points);
 
 /* renderer.c */
 bool csm_frame_stopped(const csm_frame *frame);

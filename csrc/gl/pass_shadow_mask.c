@@ -17,7 +17,7 @@
 enum { BLOCK_INSTANCES, BLOCK_POINTS, BLOCK_OUTPUT };
 enum { UNIT_IDS, UNIT_MAPS, UNIT_COMPARE, UNIT_PLANES };
 
-static void bind_inputs(csm_frame *frame) {
+void csm_mask_bind_inputs(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const csm_gpu_scene *scene = frame->desc->scene;
@@ -41,7 +41,7 @@ static int taps_per_receiver(const csm_settings *settings) {
     return side * side;
 }
 
-static void set_image(csm_frame *frame, int first, int points) {
+void csm_mask_set_image(csm_frame *frame, int first, int points) {
     const csm_camera *camera = &frame->desc->camera;
     const int32_t image[4] = {camera->width, camera->height, first, points};
     frame->renderer->gl.NamedBufferSubData(
@@ -49,7 +49,7 @@ static void set_image(csm_frame *frame, int first, int points) {
 }
 
 /* Buffers for the outputs asked for; one output buffer per kind at BLOCK_OUTPUT + kind. */
-static csm_status bind_outputs(csm_frame *frame, csm_error *err) {
+csm_status csm_mask_bind_outputs(csm_frame *frame, csm_error *err) {
     static const struct {
         unsigned output;
         int kind, bytes;
@@ -84,12 +84,12 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
     GLuint program;
     csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_MASK, &program, err);
     if (status == CSM_OK) {
-        status = bind_outputs(frame, err);
+        status = csm_mask_bind_outputs(frame, err);
     }
     if (status != CSM_OK) {
         return status;
     }
-    bind_inputs(frame);
+    csm_mask_bind_inputs(frame);
     gl->UseProgram(program);
     int64_t taps_per_row = (int64_t)width * taps_per_receiver(&frame->settings);
     int band = (int)(BAND_TAPS / taps_per_row) / GROUP_HEIGHT * GROUP_HEIGHT;
@@ -101,7 +101,7 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
             status = csm_interrupted(err);
             break;
         }
-        set_image(frame, first, 0);
+        csm_mask_set_image(frame, first, 0);
         gl->DispatchCompute((GLuint)((width + GROUP_WIDTH - 1) / GROUP_WIDTH),
                             (GLuint)((rows + GROUP_HEIGHT - 1) / GROUP_HEIGHT), 1);
     }
@@ -159,7 +159,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
     if (status != CSM_OK || !count) {
         return status;
     }
-    bind_inputs(frame);
+    csm_mask_bind_inputs(frame);
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_POINTS, renderer->points_in, 0, in_bytes);
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_OUTPUT + CSM_BUFFER_POINTS,
                         renderer->buffers[CSM_BUFFER_POINTS].name, 0, (GLsizeiptr)out_bytes);
@@ -173,7 +173,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
             status = csm_interrupted(err);
             break;
         }
-        set_image(frame, (int)first, (int)count);
+        csm_mask_set_image(frame, (int)first, (int)count);
         gl->DispatchCompute((GLuint)((here + POINT_GROUP - 1) / POINT_GROUP), 1, 1);
     }
     gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);

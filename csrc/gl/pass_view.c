@@ -8,6 +8,19 @@
 
 #include <stdlib.h>
 
+csm_status csm_view_draws_fill(csm_frame *frame, int *out_items, csm_error *err) {
+    const csm_gpu_scene *scene = frame->desc->scene;
+    uint32_t *items = malloc(scene->geometry.item_count * sizeof *items);
+    if (!items) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to cull the view");
+    }
+    size_t kept = csm_cull_items_view(&scene->geometry, &frame->desc->camera, items);
+    csm_status status = csm_draw_list_fill(frame->renderer, scene, items, kept, err);
+    free(items);
+    *out_items = (int)kept;
+    return status;
+}
+
 csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
@@ -18,16 +31,9 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     GLuint program;
 
     csm_status status = csm_program_get(frame, CSM_STEP_VIEW, &program, err);
-    uint32_t *items = malloc(scene->geometry.item_count * sizeof *items);
-    if (status == CSM_OK && !items) {
-        status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to cull the view");
-    }
     if (status == CSM_OK) {
-        size_t kept = csm_cull_items_view(&scene->geometry, camera, items);
-        frame->out->view_items_drawn = (int)kept;
-        status = csm_draw_list_fill(renderer, scene, items, kept, err);
+        status = csm_view_draws_fill(frame, &frame->out->view_items_drawn, err);
     }
-    free(items);
     if (status != CSM_OK) {
         return status;
     }

@@ -19,6 +19,8 @@ static const struct {
     [CSM_STEP_VIEW] = {{"view.vert", "view.frag"}, {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
     [CSM_STEP_SHADOW_MAP] = {{"shadow_map.vert", NULL}, {GL_VERTEX_SHADER, 0}},
     [CSM_STEP_SHADOW_MASK] = {{"shadow_mask.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
+    [CSM_STEP_SHADOW_FORWARD] = {{"shadow_forward.vert", "shadow_forward.frag"},
+                                 {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
     [CSM_STEP_SHADOW_POINTS] = {{"shadow_points.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
 };
 

@@ -268,6 +268,9 @@ static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_erro
     case CSM_STEP_SHADOW_MASK:
         status = csm_pass_shadow_mask(frame, err);
         break;
+    case CSM_STEP_SHADOW_FORWARD:
+        status = csm_pass_shadow_forward(frame, err);
+        break;
     case CSM_STEP_SHADOW_POINTS:
         status = csm_pass_shadow_points(frame, err);
         break;

@@ -19,7 +19,7 @@ struct candidate
 // False if the kernel would leave the map or the depth range.
 bool place_in_map(receiver point, int cascade, out candidate here)
 {
-    vec3 position_ls = light_position(offset_position(point, frame.depth[cascade].w));
+    vec3 position_ls = offset_in_light(point, frame.depth[cascade].w);
     here.cascade = cascade;
     here.texels = lattice_texels(turned(position_ls.xy, cascade), cascade);
     here.z = map_depth(position_ls.z, cascade);
@@ -35,7 +35,7 @@ bool place_in_map(receiver point, int cascade, out candidate here)
 #endif
 #if CSM_NORMAL_OFFSET
     // an offset may lift what lies at the range's near end out of it: the surface itself decides
-    float z = map_depth(light_position(point.position).z, cascade);
+    float z = map_depth(surface_in_light(point).z, cascade);
 #else
     float z = here.z;
 #endif

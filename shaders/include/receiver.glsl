@@ -5,6 +5,9 @@ struct receiver
     vec3 position;  // relative to the scene's origin
     vec3 normal;    // towards the camera; zero if unknown
     float view_depth;
+#if CSM_TEXCOORD == CSM_TEXCOORD_INTERPOLATED
+    vec3 position_ls; // in light space, interpolated between vertices
+#endif
 };
 
 const int no_cascade = 255;

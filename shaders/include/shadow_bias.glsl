@@ -18,14 +18,28 @@ vec2 depth_gradient(receiver point)
     return normal_ls.xy / max(normal_ls.z, 1.0 / max_slope_tangent);
 }
 
+vec3 surface_in_light(receiver point)
+{
+#if CSM_TEXCOORD == CSM_TEXCOORD_INTERPOLATED
+    return point.position_ls;
+#else
+    return light_position(point.position);
+#endif
+}
+
 // The receiver moved along its normal, by the offset in texels of a side [m].
-vec3 offset_position(receiver point, float texel)
+vec3 offset_in_light(receiver point, float texel)
 {
 #if CSM_NORMAL_OFFSET
     float sine = length(cross(point.normal, frame.to_light.xyz));
-    return point.position + point.normal * (frame.bias.y * texel * sine);
+    vec3 offset = point.normal * (frame.bias.y * texel * sine);
+#if CSM_TEXCOORD == CSM_TEXCOORD_INTERPOLATED
+    return point.position_ls + light_position(offset);
 #else
-    return point.position;
+    return light_position(point.position + offset);
+#endif
+#else
+    return surface_in_light(point);
 #endif
 }
 

@@ -47,13 +47,13 @@ warp_place warp_at(vec2 light_xy, int cascade)
 // False if the kernel would leave the map or the depth range.
 bool place_in_map(receiver point, int cascade, out candidate here)
 {
-    vec3 surface_ls = light_position(point.position);
+    vec3 surface_ls = surface_in_light(point);
     warp_place at = warp_at(surface_ls.xy, cascade);
     float depth = map_depth(surface_ls.z, cascade);
     bool in_range = abs(depth - 0.5) <= 0.5;
     float largest = max(at.texel.x, at.texel.y);
 #if CSM_NORMAL_OFFSET
-    vec3 position_ls = light_position(offset_position(point, largest));
+    vec3 position_ls = offset_in_light(point, largest);
     at = warp_at(position_ls.xy, cascade);
     depth = map_depth(position_ls.z, cascade);
 #endif
