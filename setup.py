@@ -14,15 +14,18 @@ from setuptools.command.build_ext import build_ext
 # In the order of the data, from values to pictures to Python.
 CORE = (
     "status effects scene splits splits_resolution splits_histogram frustum view_range"
-    " light_basis receivers fits snap depth_range warp cascades cull light_window tetrahedra"
-    " coverage_slices coverage coverage_move plan shader_source"
+    " light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
+    " light_window tetrahedra coverage_slices coverage coverage_move plan shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
     " uniforms pass_view pass_shadow_map pass_shadow_mask"
     " pass_shadow_forward renderer"
 )
-PY = "errors arrays core_functions coverage_functions settings_functions renderer_type module"
+PY = (
+    "errors arrays scene_arguments core_functions coverage_functions settings_functions"
+    " renderer_type module"
+)
 FOLDERS = {"core": CORE, "gl": GL, "py": PY}
 SOURCES = [f"csrc/{folder}/{name}.c" for folder, names in FOLDERS.items() for name in names.split()]
 HEADERS = sorted(str(p) for p in Path("csrc").rglob("*") if p.suffix in (".h", ".def"))

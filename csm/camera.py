@@ -41,6 +41,11 @@ class Camera:
         Width and height in pixels, each 1 to 16384.
     orthographic : bool
         Whether rays are parallel.
+    centre_x, centre_y : float
+        Where the picture's centre is seen, right of and above the view axis, in the units of
+        `half_width`: tangents (perspective) or metres (orthographic). 0 but for off-centre frusta:
+        tiles of a larger picture, a jitter of parts of a pixel (``2 * half_width / size[0]`` is
+        one), the eyes of a headset, portals.
 
     Raises
     ------
@@ -58,6 +63,8 @@ class Camera:
     far: float
     size: tuple[int, int]
     orthographic: bool
+    centre_x: float = 0.0
+    centre_y: float = 0.0
 
     def __post_init__(self):
         put = object.__setattr__.__get__(self)
@@ -72,6 +79,8 @@ class Camera:
             )
         for name in ("half_width", "half_height"):
             put(name, as_number(name, getattr(self, name), 1e-9, 1e9))
+        for name in ("centre_x", "centre_y"):
+            put(name, as_number(name, getattr(self, name), -1e9, 1e9))
         if not isinstance(self.orthographic, (bool, np.bool_)):
             raise TypeError(f"orthographic must be True or False (got {self.orthographic!r})")
         put("orthographic", bool(self.orthographic))
@@ -95,6 +104,8 @@ class Camera:
         near=0.1,
         far=500.0,
         size=(1920, 1080),
+        *,
+        centre=(0.0, 0.0),
     ):
         """Make a perspective camera that looks from one point at another; pixels are square.
 
@@ -110,6 +121,8 @@ class Camera:
             View depths of what is drawn [m], ``0 < near < far``.
         size : (int, int)
             Width and height in pixels.
+        centre : (2,) array_like
+            Tangents right of and above the view axis at which the picture's centre is seen.
 
         Returns
         -------
@@ -124,11 +137,15 @@ class Camera:
         half_height = _half_height(fov_y_deg)
         half_width = half_height * size[0] / size[1]
         axes = look_at_axes(eye, target, up)
-        return cls(eye, *axes, half_width, half_height, near, far, size, False)
+        centre = as_vector("centre", centre, 2)
+        return cls(eye, *axes, half_width, half_height, near, far, size, False, *centre)
 
     @property
     def fov_y_deg(self):
-        """Vertical field of view [degrees]; 0 for an orthographic camera: its rays are parallel."""
+        """Vertical field of view [degrees] of the picture were its centre on the view axis.
+
+        0 for an orthographic camera: its rays are parallel.
+        """
         return 0.0 if self.orthographic else math.degrees(2.0 * math.atan(self.half_height))
 
     @property
@@ -140,9 +157,24 @@ class Camera:
     def clip_from_view(self):
         """(4, 4) float64, z from 0 at near to 1 at far."""
         w, h = self.half_width, self.half_height
+        x, y = self.centre_x, self.centre_y
         if self.orthographic:
-            return ortho_rh_zo(-w, w, -h, h, self.near, self.far)
-        return perspective_rh_zo(w, h, self.near, self.far)
+            return ortho_rh_zo(x - w, x + w, y - h, y + h, self.near, self.far)
+        return perspective_rh_zo(w, h, self.near, self.far, (x, y))
+
+    def pixel_plane(self):
+        """Where the centres of the pixels are seen: x per column and y per row, row 0 on top.
+
+        Returns
+        -------
+        x : (width,) float64
+        y : (height,) float64
+            Tangents right of and above the view axis (perspective) or metres (orthographic).
+        """
+        (width, height), columns, rows = self.size, *map(np.arange, self.size)
+        x = self.centre_x + (2.0 * (columns + 0.5) / width - 1.0) * self.half_width
+        y = self.centre_y + (1.0 - 2.0 * (rows + 0.5) / height) * self.half_height
+        return x, y
 
     def translated(self, offset):
         """Move the camera.
@@ -166,7 +198,7 @@ class Camera:
         **changes
             Any field of the class, or ``fov_y_deg`` of a perspective camera. When `size` or
             `fov_y_deg` changes and `half_width` is not given, it follows so that pixels keep
-            their shape.
+            their shape; `centre_x` and `centre_y` stay.
 
         Returns
         -------
@@ -203,7 +235,8 @@ class Camera:
     def _key(self):
         vectors = [tuple(getattr(self, name).tolist()) for name in ("eye", *_AXES)]
         scalars = (self.half_width, self.half_height, self.near, self.far)
-        return (*vectors, *scalars, self.size, self.orthographic)
+        centre = (self.centre_x, self.centre_y)
+        return (*vectors, *scalars, self.size, self.orthographic, *centre)
 
     def __eq__(self, other):
         return self._key() == other._key() if isinstance(other, Camera) else NotImplemented
@@ -216,7 +249,16 @@ class Camera:
 
 
 def _orthographic(
-    cls, eye, target, up=(0.0, 1.0, 0.0), height=10.0, near=0.1, far=500.0, size=(1920, 1080)
+    cls,
+    eye,
+    target,
+    up=(0.0, 1.0, 0.0),
+    height=10.0,
+    near=0.1,
+    far=500.0,
+    size=(1920, 1080),
+    *,
+    centre=(0.0, 0.0),
 ):
     """Make a camera of parallel rays that looks from one point at another; pixels are square.
 
@@ -233,6 +275,8 @@ def _orthographic(
         need ``split="uniform"`` or ``"manual"``, as the other schemes take ratios of depths.
     size : (int, int)
         Width and height in pixels.
+    centre : (2,) array_like
+        Where the picture's centre is seen, right of and above the view axis [m].
 
     Returns
     -------
@@ -246,7 +290,9 @@ def _orthographic(
     size = checked_size(size)
     half_height = 0.5 * as_number("height", height, 2e-9, 2e9)
     half_width = half_height * size[0] / size[1]
-    return cls(eye, *look_at_axes(eye, target, up), half_width, half_height, near, far, size, True)
+    axes = look_at_axes(eye, target, up)
+    centre = as_vector("centre", centre, 2)
+    return cls(eye, *axes, half_width, half_height, near, far, size, True, *centre)
 
 
 # `Camera.orthographic(...)` makes a camera, `camera.orthographic` says whether it is one. Both

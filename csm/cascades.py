@@ -1,5 +1,7 @@
 """Cascades: the light windows that cover the view, as matrices."""
 
+import threading
+import weakref
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -142,7 +144,8 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held=None
     sun : Sun
     settings : ShadowSettings
     scene : Scene, optional
-        Its bounds cut the view range (``view_range="scene"``) and give the depth range, which
+        Its bounds cut the view range (``view_range="scene"``), the windows of ``fit="clipped"`` and
+        ``"focus"`` (this one by the boxes of its parts, too), and give the depth range, which
         then does not depend on the camera. Without it the range is the camera's, and the depth
         range holds each slice and as much again towards the light.
     receivers : (m, 3) array_like, optional
@@ -187,5 +190,26 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held=None
         scene_bounds=None if scene is None else scene.bounds.ravel(),
         held=(held.hold or None) if held is not None else None,
         receivers=receivers,
+        boxes=_part_boxes(scene) if settings.fit == "focus" else None,
     )
     return Cascades(**fitted)
+
+
+_boxes = weakref.WeakKeyDictionary()  # Scene to (m, 6) boxes of its parts
+_boxes_lock = threading.Lock()
+
+
+def _part_boxes(scene):
+    """Boxes of a scene's parts, worked out once while it lives; None where there are no parts."""
+    if not isinstance(scene, Scene):
+        return None
+    with _boxes_lock:
+        boxes = _boxes.get(scene)
+    if boxes is None:
+        meshes = tuple((mesh.positions, mesh.triangles) for mesh in scene.meshes)
+        boxes = _core.scene_boxes(
+            meshes, scene.instance_mesh, scene.world_from_instance, scene.origin
+        )
+        with _boxes_lock:
+            _boxes[scene] = boxes
+    return boxes

@@ -258,9 +258,7 @@ def lattice_phases(path, cascade, point):
 def pixel_points(frame):
     """World point under each pixel's centre, (h, w, 3) float64 [m]; NaN where nothing is seen."""
     camera = frame.camera
-    width, height = camera.size
-    x = (2.0 * (np.arange(width) + 0.5) / width - 1.0) * camera.half_width
-    y = (1.0 - 2.0 * (np.arange(height) + 0.5) / height) * camera.half_height
+    x, y = camera.pixel_plane()
     depth = np.where(frame.valid, frame.view_depth.astype(np.float64), np.nan)[..., None]
     across = x[None, :, None] * camera.right + y[:, None, None] * camera.up
     if camera.orthographic:

@@ -203,9 +203,7 @@ def save_png(path, picture):
 
 def _view_directions(camera):
     """Return unit directions (h, w, 3) of the pixels' rays."""
-    width, height = camera.size
-    x = (2.0 * (np.arange(width) + 0.5) / width - 1.0) * camera.half_width
-    y = (1.0 - 2.0 * (np.arange(height) + 0.5) / height) * camera.half_height
+    x, y = camera.pixel_plane()
     if camera.orthographic:
         x, y = 0.0 * x, 0.0 * y
     view = x[None, :, None] * camera.right + y[:, None, None] * camera.up - camera.backward

@@ -493,6 +493,6 @@ def _moved_camera(camera, moved, scale):
     }
     changes = {"near": camera.near * scale, "far": camera.far * scale}
     if camera.orthographic:
-        changes["half_width"] = camera.half_width * scale
-        changes["half_height"] = camera.half_height * scale
+        for name in ("half_width", "half_height", "centre_x", "centre_y"):
+            changes[name] = getattr(camera, name) * scale
     return camera.replace(eye=transform_points(moved, camera.eye), **axes, **changes)

@@ -195,8 +195,8 @@ def view_from_axes(eye, right, up, backward):
     return view_from_world
 
 
-def perspective_rh_zo(half_width, half_height, near, far):
-    """`clip_from_view` of a symmetric perspective camera, z from 0 at near to 1 at far.
+def perspective_rh_zo(half_width, half_height, near, far, centre=(0.0, 0.0)):
+    """`clip_from_view` of a perspective camera, z from 0 at near to 1 at far.
 
     Parameters
     ----------
@@ -204,6 +204,8 @@ def perspective_rh_zo(half_width, half_height, near, far):
         Tangents of the half fields of view.
     near, far : float
         View depths [m], ``0 < near < far``.
+    centre : (2,) array_like
+        Tangents right of and above the view axis at which the picture's centre is seen.
 
     Returns
     -------
@@ -212,6 +214,8 @@ def perspective_rh_zo(half_width, half_height, near, far):
     clip_from_view = np.zeros((4, 4))
     clip_from_view[0, 0] = 1.0 / half_width
     clip_from_view[1, 1] = 1.0 / half_height
+    clip_from_view[0, 2] = centre[0] / half_width
+    clip_from_view[1, 2] = centre[1] / half_height
     clip_from_view[2, 2] = -far / (far - near)
     clip_from_view[2, 3] = -near * far / (far - near)
     clip_from_view[3, 2] = -1.0

@@ -252,10 +252,8 @@ class _Picture:
 
 def _pixel_rays(camera, origin, rows, columns):
     """Return sources (m, 3) relative to `origin`, and directions (m, 3) per metre of view depth."""
-    width, height = camera.size
-    x = (2.0 * (columns + 0.5) / width - 1.0) * camera.half_width
-    y = (1.0 - 2.0 * (rows + 0.5) / height) * camera.half_height
-    across = x[:, None] * camera.right + y[:, None] * camera.up
+    x, y = camera.pixel_plane()
+    across = x[columns, None] * camera.right + y[rows, None] * camera.up
     eye = camera.eye - origin
     if camera.orthographic:
         return eye + across, np.broadcast_to(-camera.backward, across.shape)

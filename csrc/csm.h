@@ -278,11 +278,28 @@ typedef struct csm_window {
     double half_extent[2]; /* [m] before padding */
 } csm_window;
 
-/* Minimal bounding sphere of a symmetric slice: view depth of its centre and radius [m], from the
- * tangents and depths only (docs/numerics.md 4). For an orthographic camera the enclosing sphere of
- * a box. */
-void csm_fit_sphere(const csm_camera *camera, double near_depth, double far_depth,
-                    double *out_centre_depth, double *out_radius);
+/* A sphere round a part of the view, in view space. */
+typedef struct csm_ball {
+    double centre[3]; /* right and up of the view axis, view depth [m] */
+    double radius;
+    double whole[2]; /* view depths between which it holds the view's whole cross-section [m] */
+} csm_ball;
+
+/* Smallest sphere round a slice, from the tangents and depths only (docs/numerics.md 4 and, for
+ * off-centre frusta, 20). For an orthographic camera the sphere round a box. */
+void csm_fit_sphere(const csm_camera *camera, double near_depth, double far_depth, csm_ball *out);
+
+/* The same sphere, shifted along the axis of the picture as far as the slice's near corners stay
+ * inside [Sylvan]: shifted at all only if k^2 > (far - near) / (far + near), for otherwise
+ * the near corners lie on the smallest sphere already (docs/numerics.md 20). */
+void csm_fit_shifted(const csm_camera *camera, double near_depth, double far_depth, csm_ball *out);
+
+/* One sphere per slice of count + 1 splits, of the radius of its slice's smallest, each shifted as
+ * far as it can: it keeps the whole cross-section where the one before ends to hold it, in the
+ * middle of its own slice, and where the next one begins to; its end stays within the last split.
+ * The last one is not shifted. Every depth between the first and the last split is held whole. */
+void csm_fit_shifted_chain(const csm_camera *camera, const double *splits, int count,
+                           csm_ball *out);
 
 /* Largest distance between two corners of a slice [m] (docs/numerics.md 5). */
 double csm_fit_diameter(const csm_camera *camera, double near_depth, double far_depth);
@@ -300,7 +317,7 @@ typedef struct csm_hold {
     int range_step;                       /* k of view_range = scene */
     int near_step, far_step;              /* of a range taken from receivers */
     int cut_step[CSM_MAX_CASCADES];       /* where split = histogram ends a cascade */
-    int window_step[CSM_MAX_CASCADES][2]; /* sizes of windows round visible receivers */
+    int window_step[CSM_MAX_CASCADES][2]; /* sizes of windows that change with the view */
     int level[CSM_MAX_CASCADES][2];       /* of approximate snapping */
     bool transported;                     /* light_from_world holds the basis of the frame before */
     double light_from_world[16];
@@ -355,9 +372,9 @@ typedef struct csm_cascades_desc {
     csm_camera camera;
     double to_light[3];
     const csm_settings *settings;
-    const double *scene_bounds; /* {min x y z, max x y z} of casters and receivers, or NULL */
-    const double *boxes;        /* box_count x 6: bounds of the scene's parts, or NULL */
-    size_t box_count;
+    const double *scene_bounds;     /* {min x y z, max x y z} of casters and receivers, or NULL */
+    const double *boxes;            /* bounds of the scene's parts, as scene_bounds, or NULL */
+    size_t box_count, box_stride;   /* bytes from box to box */
     const csm_receivers *receivers; /* what is seen, or NULL */
     const csm_hold *held;           /* of the frame before, or NULL */
 } csm_cascades_desc;
@@ -368,6 +385,8 @@ typedef struct csm_cascades {
                        not rounded */
     int map_size[CSM_MAX_CASCADES];
     double splits[CSM_MAX_CASCADES + 1];
+    double served_from[CSM_MAX_CASCADES]; /* view depth up to which finer maps hold all that is
+                                             seen: splits[i], or less (fit shifted) */
     double light_from_world[CSM_MAX_CASCADES][16];
     double clip_from_light[CSM_MAX_CASCADES][16];
     double clip_from_world[CSM_MAX_CASCADES][16];
@@ -449,6 +468,10 @@ typedef struct csm_geometry {
 
 /* Checks indices, finiteness and transforms, then builds; csm_geometry_destroy accepts zeros. */
 csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm_error *err);
+
+/* Chunks, items and bounds alone, the same as csm_geometry_build gives, and nothing to draw: where
+ * the parts of a scene lie, for fit focus without a renderer. */
+csm_status csm_geometry_boxes(const csm_scene_desc *desc, csm_geometry *out, csm_error *err);
 void csm_geometry_destroy(csm_geometry *geometry);
 
 /* Room for the outline of frustum and scene box met: 12 planes have at most 20 vertices. */

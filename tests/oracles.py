@@ -23,20 +23,26 @@ def split_distances(near, far, count, lam):
     return np.array(splits)
 
 
-def view_corners(half_width, half_height, near, far, orthographic=False):
+def view_corners(half_width, half_height, near, far, orthographic=False, centre=(0.0, 0.0)):
     """(8, 3) corners as (right, up, depth), in the order LB LT RT RB, near then far."""
     corners = []
     for depth in (near, far):
         spread = 1.0 if orthographic else depth
         for x, y in ((-1, -1), (-1, 1), (1, 1), (1, -1)):
-            corners.append((x * half_width * spread, y * half_height * spread, depth))
+            across, along = centre[0] + x * half_width, centre[1] + y * half_height
+            corners.append((across * spread, along * spread, depth))
     return np.array(corners)
 
 
 def camera_corners(camera, near, far):
     """(8, 3) world corners of a camera's slice."""
     local = view_corners(
-        camera.half_width, camera.half_height, near, far, orthographic=camera.orthographic
+        camera.half_width,
+        camera.half_height,
+        near,
+        far,
+        orthographic=camera.orthographic,
+        centre=(camera.centre_x, camera.centre_y),
     )
     return camera.eye + local @ np.stack([camera.right, camera.up, -camera.backward])
 
@@ -109,8 +115,8 @@ def sample_slice(camera, near, far, count, rng):
     t[snapped] = np.round(t[snapped])
     depth = near + (far - near) * t[:, 2]
     spread = np.ones_like(depth) if camera.orthographic else depth
-    x = (2.0 * t[:, 0] - 1.0) * camera.half_width * spread
-    y = (2.0 * t[:, 1] - 1.0) * camera.half_height * spread
+    x = (camera.centre_x + (2.0 * t[:, 0] - 1.0) * camera.half_width) * spread
+    y = (camera.centre_y + (2.0 * t[:, 1] - 1.0) * camera.half_height) * spread
     points = camera.eye + np.stack([x, y, depth], axis=1) @ np.stack(
         [camera.right, camera.up, -camera.backward]
     )

@@ -67,8 +67,8 @@ def camera(number=0, size=SIZE, near=0.2, far=80.0):
 def pixel_rays(camera):
     """(h, w, 3) from the eye to view depth 1 through each pixel's centre, and where rays start."""
     width, height = camera.size
-    x = (2.0 * (np.arange(width) + 0.5) / width - 1.0) * camera.half_width
-    y = (1.0 - 2.0 * (np.arange(height) + 0.5) / height) * camera.half_height
+    x = (2.0 * (np.arange(width) + 0.5) / width - 1.0) * camera.half_width + camera.centre_x
+    y = (1.0 - 2.0 * (np.arange(height) + 0.5) / height) * camera.half_height + camera.centre_y
     across = x[None, :, None] * camera.right + y[:, None, None] * camera.up
     if camera.orthographic:
         return np.broadcast_to(-camera.backward, across.shape), camera.eye + across

@@ -16,10 +16,11 @@ RATIOS = [1.001, 1.5, 3.0, 10.0, 1e3, 1e6]
 LIGHT_ANGLES = [0, 1e-9, 1e-6, 1e-3, 5, 30, 60, 90, 120, 175, 180]
 
 
-def lens(half_width, half_height, near=1.0, far=2.0, orthographic=False):
+def lens(half_width, half_height, near=1.0, far=2.0, orthographic=False, centre=(0.0, 0.0)):
     """A camera at the origin that looks down -z."""
+    size = (64, 64)
     return csm.Camera(
-        np.zeros(3), *np.eye(3), half_width, half_height, near, far, (64, 64), orthographic
+        np.zeros(3), *np.eye(3), half_width, half_height, near, far, size, orthographic, *centre
     )
 
 
@@ -90,10 +91,63 @@ def test_f1_sphere_is_continuous_where_its_two_cases_meet(figure, ratio):
     figure("F1", "jump where the two cases meet", jump, 1e-10, "relative")
 
 
+def off_centre_tangents(rng):
+    """Half widths, half heights and centres: inside the picture, at its rim, far beyond."""
+    for fov in (0.1, 20, 60, 150, 179):
+        for aspect in (1.0, 32 / 9):
+            halves = np.tan(np.radians(fov / 2)) * np.array([aspect, 1.0])
+            for shift in ((0.3, 0.0), (0.0, -1.0), (0.999, 1.001), (-4.0, 2.0)):
+                yield *halves, halves * shift
+            yield *halves, halves * rng.normal(size=2) * 10.0 ** rng.uniform(-6, 1)
+
+
+@pytest.mark.parametrize("ratio", [1.001, 3.0, 1e3, 1e6])
+def test_f1_sphere_of_off_centre_frusta(figure, ratio):
+    rng = np.random.default_rng(11)
+    outside = excess = -1.0
+    for half_width, half_height, centre in off_centre_tangents(rng):
+        camera = lens(half_width, half_height, centre=centre)
+        (ball,), (radius,), _ = _core.fit_spheres(camera, [1.0, ratio], False)
+        corners = oracles.view_corners(half_width, half_height, 1.0, ratio, centre=centre)
+        distances = np.linalg.norm(corners - ball, axis=1)
+        outside = max(outside, distances.max() / radius - 1)
+        excess = max(excess, radius / oracles.enclosing_ball_radius(corners) - 1)
+    figure("F1", "off-centre: corners outside the sphere", outside, 1e-12, "relative")
+    figure("F1", "off-centre: radius above brute force", excess, 1e-9, "relative")
+
+
+def test_f1_a_centre_of_zero_is_the_limit_of_small_ones():
+    # Both cases of the sphere, and the closed forms of centred frusta beside the general ones.
+    for ratio in (1.5, 30.0):
+        centred = _core.fit_spheres(lens(0.5, 0.3), [1.0, ratio], False)
+        beside = _core.fit_spheres(lens(0.5, 0.3, centre=(1e-12, -1e-12)), [1.0, ratio], False)
+        for one, other in zip(centred, beside, strict=True):
+            np.testing.assert_allclose(one, other, rtol=1e-11, atol=1e-10)
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_f2_diameter_of_off_centre_frusta(figure, ratio):
+    rng = np.random.default_rng(12)
+    aside = above = -1.0
+    for half_width, half_height, centre in off_centre_tangents(rng):
+        camera = lens(half_width, half_height, centre=centre)
+        diameter = _core.fit_diameter(camera, 1.0, ratio)
+        corners = oracles.view_corners(half_width, half_height, 1.0, ratio, centre=centre)
+        largest = np.linalg.norm(corners[:, None] - corners, axis=2).max()
+        aside = max(aside, abs(diameter / largest - 1))
+        above = max(above, 1 - 2 * _core.fit_sphere(camera, 1.0, ratio)[1] / diameter)
+    figure("F2", "off-centre: diameter from the largest distance", aside, 1e-12, "relative")
+    figure("F2", "off-centre: D above 2R", above, 1e-12, "relative")
+
+
 def test_f1_f2_sphere_and_diameter_of_an_orthographic_slice():
     camera = lens(3.0, 2.0, -4.0, 8.0, orthographic=True)
     assert _core.fit_sphere(camera, -4.0, 8.0) == pytest.approx((2.0, 7.0), rel=1e-15)
     assert _core.fit_diameter(camera, -4.0, 8.0) == pytest.approx(14.0, rel=1e-15)
+    aside = lens(3.0, 2.0, -4.0, 8.0, orthographic=True, centre=(10.0, -1.0))
+    (centre,), (radius,), _ = _core.fit_spheres(aside, [-4.0, 8.0], False)
+    assert (*centre, radius) == pytest.approx((10.0, -1.0, 2.0, 7.0), rel=1e-15)
+    assert _core.fit_diameter(aside, -4.0, 8.0) == pytest.approx(14.0, rel=1e-15)
 
 
 @pytest.mark.parametrize("ratio", RATIOS)

@@ -15,7 +15,12 @@ ORTHOGRAPHIC = csm.Camera.orthographic(
     (3.0, 2.0, -5.0), (1.0, 1.0, 7.0), height=8.0, near=-4.0, far=60, size=(1280, 720)
 )
 STEEP = csm.Camera.look_at((0, 10, 0), (0, 0, 0), up=(1, 0, 1), fov_y_deg=100, near=1, far=20)
-BOTH = pytest.mark.parametrize("camera", [PERSPECTIVE, ORTHOGRAPHIC], ids=["perspective", "ortho"])
+OFF_CENTRE = PERSPECTIVE.replace(centre_x=1.3, centre_y=-0.2)
+BOTH = pytest.mark.parametrize(
+    "camera",
+    [PERSPECTIVE, ORTHOGRAPHIC, OFF_CENTRE, ORTHOGRAPHIC.replace(centre_x=-9.0, centre_y=3.0)],
+    ids=["perspective", "ortho", "off-centre", "ortho off-centre"],
+)
 
 
 def test_corners_of_a_camera_at_the_origin():
@@ -86,7 +91,9 @@ def random_boxes(camera, rng, count):
 
 
 @pytest.mark.parametrize(
-    "camera", [PERSPECTIVE, ORTHOGRAPHIC, STEEP], ids=["perspective", "ortho", "steep"]
+    "camera",
+    [PERSPECTIVE, ORTHOGRAPHIC, STEEP, OFF_CENTRE],
+    ids=["perspective", "ortho", "steep", "off-centre"],
 )
 def test_g2_depth_of_a_box_equals_vertex_enumeration(figure, camera):
     rng = np.random.default_rng(3)
@@ -150,7 +157,8 @@ def test_depth_keeps_its_digits_far_from_the_origin():
 
 def broken(**changes):
     """A camera-like object past Python's own checks, as a C caller could make one."""
-    names = "eye right up backward half_width half_height near far size orthographic".split()
+    names = "eye right up backward half_width half_height near far size orthographic"
+    names = [*names.split(), "centre_x", "centre_y"]
     values = {name: getattr(PERSPECTIVE, name) for name in names} | changes
     return type("Broken", (), values)()
 
@@ -163,6 +171,7 @@ def broken(**changes):
         ({"right": -PERSPECTIVE.right}, "right-handed"),
         ({"half_width": 0.0}, "half_width .* > 0 .got 0"),
         ({"half_height": np.inf}, "half_height .* finite"),
+        ({"centre_x": np.nan}, "centre_x and centre_y must be finite .got nan, 0"),
         ({"near": 5.0, "far": 2.0}, "far must be > near, both finite .got near 5, far 2"),
         ({"near": 0.0}, "near must be > 0 for a perspective camera"),
         ({"size": (0, 10)}, "size must be at least 1 x 1 pixels .got 0 x 10"),

@@ -42,6 +42,27 @@ def assert_covers(camera, cascades, padding, rng, *, scene=None, samples=60):
     assert misses(camera, cascades, padding, rng, scene=scene, samples=samples) == 0
 
 
+def uncovered(camera, cascades, padding, rng, *, scene=None, samples=200):
+    """Number of sampled points of the view, in the scene where there is one, that no map's inner
+    window and depth range hold."""
+    inner = 1 - 2 * padding / cascades.map_size
+    reach = np.abs(oracles.camera_corners(camera, camera.near, cascades.splits[-1])).max()
+    reach = max(reach, np.abs(camera.eye).max())
+    slack = 1e-12 + 32 * oracles.U * reach / (cascades.texel_size.min(axis=1) * cascades.map_size)
+    bare = 0
+    for i in range(cascades.count):
+        points = oracles.sample_slice(camera, *cascades.splits[i : i + 2], samples, rng)
+        if scene is not None:
+            points = points[((points >= scene.bounds[0]) & (points <= scene.bounds[1])).all(axis=1)]
+        held = np.zeros(len(points), bool)
+        for j in range(cascades.count):
+            clip = clip_points(cascades, j, points)
+            inside = (np.abs(clip[:, :2]) <= inner[j] + slack[j]).all(axis=1)
+            held |= inside & (clip[:, 2] >= -slack[j]) & (clip[:, 2] <= 1 + slack[j])
+        bare += np.count_nonzero(~held)
+    return bare
+
+
 def misses(camera, cascades, padding, rng, *, scene=None, samples=60):
     """Number of sampled points of the slices that their own inner window, or every window up to
     it, does not hold; in depth only points inside the scene count, where there is one."""

@@ -109,9 +109,11 @@ void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_c
     out->margin = (margin_texels + 1.0) * texel;
     out->lowest_z = -INFINITY;
     if (!whole_window) {
-        /* By window, a cascade also serves what its own holds of the slices behind. */
+        /* By window, a cascade also serves what its own holds of the slices behind, and of those
+         * before it what finer maps leave. */
         const int last = select == CSM_SELECT_INTERVAL ? cascade + 1 : cascades->count;
-        outline_visible(cascades, camera, cascades->splits[cascade], cascades->splits[last], out);
+        outline_visible(cascades, camera, cascades->served_from[cascade], cascades->splits[last],
+                        out);
     }
 }
 
@@ -260,17 +262,8 @@ size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camer
     const double rounding = box_rounding(geometry->bounds);
     size_t kept = 0;
     for (size_t i = 0; i < geometry->item_count; i++) {
-        const double *bounds = geometry->items[i].bounds;
-        bool meets = true;
-        for (int p = 0; meets && p < CSM_PLANE_COUNT; p++) {
-            double highest = planes[p][3] + rounding;
-            for (int axis = 0; axis < 3; axis++) {
-                const double end = planes[p][axis] > 0.0 ? bounds[axis + 3] : bounds[axis];
-                highest += planes[p][axis] * (end - camera->eye[axis]);
-            }
-            meets = highest >= 0.0;
-        }
-        if (meets) {
+        if (csm_planes_meet_box((const double(*)[4])planes, camera->eye, geometry->items[i].bounds,
+                                rounding)) {
             out_items[kept++] = (uint32_t)i;
         }
     }

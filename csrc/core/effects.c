@@ -135,6 +135,12 @@ static void canonical_splits(csm_settings *settings) {
 void csm_settings_canonical_placement(csm_settings *settings) {
     int *effects = settings->effects;
     canonical_splits(settings);
+    /* a shifted sphere leaves corners of its slice to the next map, and a warp bends the slice */
+    if (effects[CSM_EFFECT_FIT] == CSM_FIT_SHIFTED &&
+        (effects[CSM_EFFECT_SELECT] == CSM_SELECT_INTERVAL ||
+         effects[CSM_EFFECT_WARP] != CSM_WARP_NONE)) {
+        effects[CSM_EFFECT_FIT] = CSM_FIT_SPHERE;
+    }
     if (effects[CSM_EFFECT_FIT] != CSM_FIT_VISIBLE) {
         reset(settings, CSM_EFFECT_TURNED);
     }

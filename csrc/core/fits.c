@@ -1,32 +1,11 @@
 /* fits.c: what the window of a cascade must hold of its slice of the view.
  *
- * In: camera, splits, axes of light space. Out: a box in light space. A radius comes from tangents
- * and depths alone, never from transformed corners: jitter in its last bit would move the texel
- * grid by a fraction of a texel far from the world origin. The formulas: docs/numerics.md 3 to 5.
+ * In: camera, splits, axes of light space. Out: a box in light space. The formulas:
+ * docs/numerics.md 3 to 5 and 20.
  */
 #include "placement.h"
 
 #include "linalg.h"
-
-void csm_fit_sphere(const csm_camera *camera, double near_depth, double far_depth,
-                    double *out_centre_depth, double *out_radius) {
-    const double n = near_depth, f = far_depth;
-    const double k = hypot(camera->half_width, camera->half_height);
-    if (camera->orthographic) {
-        *out_centre_depth = n + 0.5 * (f - n);
-        *out_radius = hypot(k, 0.5 * (f - n));
-        return;
-    }
-    const double k2 = k * k;
-    if (k2 * (f + n) >= f - n) {
-        /* So wide that the far corners alone decide: centred on the far plane. */
-        *out_centre_depth = f;
-        *out_radius = k * f;
-        return;
-    }
-    *out_centre_depth = 0.5 * (n + f) * (1.0 + k2);
-    *out_radius = hypot(f - *out_centre_depth, k * f);
-}
 
 double csm_fit_diameter(const csm_camera *camera, double near_depth, double far_depth) {
     const double length = far_depth - near_depth;
@@ -34,7 +13,15 @@ double csm_fit_diameter(const csm_camera *camera, double near_depth, double far_
     if (camera->orthographic) {
         return hypot(2.0 * k, length);
     }
-    return fmax(2.0 * k * far_depth, hypot(length, k * (far_depth + near_depth)));
+    if (camera->centre[0] == 0.0 && camera->centre[1] == 0.0) {
+        return fmax(2.0 * k * far_depth, hypot(length, k * (far_depth + near_depth)));
+    }
+    /* From the inner near corner to the outer far one. */
+    const double across =
+        fabs(camera->centre[0]) * length + camera->half_width * (far_depth + near_depth);
+    const double along =
+        fabs(camera->centre[1]) * length + camera->half_height * (far_depth + near_depth);
+    return fmax(2.0 * k * far_depth, hypot(length, hypot(across, along)));
 }
 
 /* Light-space box of a slice. Taken relative to the eye, so that its sides depend on the camera's
@@ -66,34 +53,53 @@ csm_slab csm_slice_bounds(const csm_camera *camera, const double light_from_worl
     return out;
 }
 
-static csm_slab fit_slice(const csm_camera *camera, const double light_from_world[16], int fit,
-                          double near_depth, double far_depth) {
-    if (fit != CSM_FIT_SPHERE) {
-        csm_slab out = csm_slice_bounds(camera, light_from_world, near_depth, far_depth);
-        if (fit == CSM_FIT_DIAMETER) {
-            /* No side of a box round the slice exceeds its diameter (docs/numerics.md 5). */
-            const double half = 0.5 * csm_fit_diameter(camera, near_depth, far_depth);
-            out.half[0] = out.half[1] = out.half[2] = half;
-        }
-        return out;
-    }
-    double centre_depth, radius, centre[3];
-    csm_fit_sphere(camera, near_depth, far_depth, &centre_depth, &radius);
+static csm_slab ball_slab(const csm_camera *camera, const double light_from_world[16],
+                          const csm_ball *ball) {
+    double centre[3];
     for (int axis = 0; axis < 3; axis++) {
-        centre[axis] = camera->eye[axis] - camera->backward[axis] * centre_depth;
+        centre[axis] = camera->eye[axis] + camera->right[axis] * ball->centre[0] +
+                       camera->up[axis] * ball->centre[1] -
+                       camera->backward[axis] * ball->centre[2];
     }
-    csm_slab out = {.half = {radius, radius, radius}};
+    csm_slab out = {.half = {ball->radius, ball->radius, ball->radius}};
     mat4_rotate(light_from_world, centre, out.centre);
     return out;
 }
 
 csm_status csm_fit_slab(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
                         csm_error *err) {
-    const int fit = desc->settings->effects[CSM_EFFECT_FIT];
-    if (fit == CSM_FIT_VISIBLE) {
+    const csm_camera *camera = &desc->camera;
+    const double *basis = out->light_from_world[i];
+    const double near_depth = out->splits[i], far_depth = out->splits[i + 1];
+    csm_ball balls[CSM_MAX_CASCADES];
+    out->served_from[i] = near_depth;
+    switch (desc->settings->effects[CSM_EFFECT_FIT]) {
+    case CSM_FIT_VISIBLE:
         return csm_fit_visible(desc, out, i, slab, err);
+    case CSM_FIT_CLIPPED:
+    case CSM_FIT_FOCUS:
+        csm_fit_clipped(desc, out, i, slab);
+        return CSM_OK;
+    case CSM_FIT_SPHERE:
+        csm_fit_sphere(camera, near_depth, far_depth, balls);
+        *slab = ball_slab(camera, basis, balls);
+        return CSM_OK;
+    case CSM_FIT_SHIFTED:
+        csm_fit_shifted_chain(camera, out->splits, out->count, balls);
+        *slab = ball_slab(camera, basis, &balls[i]);
+        out->served_from[i] = i > 0 ? balls[i - 1].whole[1] : near_depth;
+        return CSM_OK;
+    case CSM_FIT_SCENE:
+        *slab = csm_slice_bounds(camera, basis, out->splits[0], far_depth);
+        return CSM_OK;
+    default:
+        *slab = csm_slice_bounds(camera, basis, near_depth, far_depth);
+        break;
     }
-    const double near_depth = fit == CSM_FIT_SCENE ? out->splits[0] : out->splits[i];
-    *slab = fit_slice(&desc->camera, out->light_from_world[i], fit, near_depth, out->splits[i + 1]);
+    if (desc->settings->effects[CSM_EFFECT_FIT] == CSM_FIT_DIAMETER) {
+        /* No side of a box round the slice exceeds its diameter (docs/numerics.md 5). */
+        const double half = 0.5 * csm_fit_diameter(camera, near_depth, far_depth);
+        slab->half[0] = slab->half[1] = slab->half[2] = half;
+    }
     return CSM_OK;
 }

@@ -36,6 +36,11 @@ csm_status csm_camera_validate(const csm_camera *camera, csm_error *err) {
         problems++;
     }
     check_axes(camera, err, &problems);
+    if (!isfinite(camera->centre[0]) || !isfinite(camera->centre[1])) {
+        csm_fail_more(err, "centre_x and centre_y must be finite (got %g, %g)", camera->centre[0],
+                      camera->centre[1]);
+        problems++;
+    }
     const char *kind = camera->orthographic ? "half extent" : "tangent of the half field of view";
     const double halves[2] = {camera->half_width, camera->half_height};
     for (int axis = 0; axis < 2; axis++) {
@@ -75,11 +80,12 @@ void csm_camera_view_from_world(const csm_camera *camera, double out[16]) {
 
 void csm_camera_clip_from_view(const csm_camera *camera, double out[16]) {
     if (!camera->orthographic) {
-        perspective_rh_zo(camera->half_width, camera->half_height, camera->near_depth,
-                          camera->far_depth, out);
+        perspective_rh_zo(camera->half_width, camera->half_height, camera->centre,
+                          camera->near_depth, camera->far_depth, out);
         return;
     }
-    const double corner[2] = {-camera->half_width, -camera->half_height};
+    const double corner[2] = {camera->centre[0] - camera->half_width,
+                              camera->centre[1] - camera->half_height};
     const double sides[2] = {2.0 * camera->half_width, 2.0 * camera->half_height};
     ortho_rh_zo(corner, sides, camera->near_depth, camera->far_depth - camera->near_depth, out);
 }
@@ -90,8 +96,8 @@ static void corners_from_eye(const csm_camera *camera, double near_depth, double
     for (int i = 0; i < CSM_CORNER_COUNT; i++) {
         const double depth = i < CSM_LBF ? near_depth : far_depth;
         const double spread = camera->orthographic ? 1.0 : depth;
-        const double x = signs[i % 4][0] * camera->half_width * spread;
-        const double y = signs[i % 4][1] * camera->half_height * spread;
+        const double x = (camera->centre[0] + signs[i % 4][0] * camera->half_width) * spread;
+        const double y = (camera->centre[1] + signs[i % 4][1] * camera->half_height) * spread;
         for (int axis = 0; axis < 3; axis++) {
             out_corners[i][axis] =
                 camera->right[axis] * x + camera->up[axis] * y - camera->backward[axis] * depth;
@@ -109,22 +115,23 @@ void csm_frustum_corners(const csm_camera *camera, double near_depth, double far
     }
 }
 
-/* Planes relative to the eye. A side plane of a perspective camera holds the eye and leans by the
- * tangent: x + half_width * depth >= 0; of an orthographic one it stands off: x + half_width >= 0.
- */
+/* Planes relative to the eye. A side plane of a perspective camera holds the eye and leans by a
+ * tangent: x + (half_width - centre) * depth >= 0; of an orthographic one it stands off:
+ * x + half_width - centre >= 0. */
 static void planes_from_eye(const csm_camera *camera, double near_depth, double far_depth,
                             double out_planes[CSM_PLANE_COUNT][4]) {
     const double *axes[4] = {camera->right, camera->right, camera->up, camera->up};
-    const double halves[4] = {camera->half_width, camera->half_width, camera->half_height,
-                              camera->half_height};
+    const double *centre = camera->centre;
+    const double sides[4] = {camera->half_width - centre[0], camera->half_width + centre[0],
+                             camera->half_height - centre[1], camera->half_height + centre[1]};
     for (int i = CSM_LEFT; i <= CSM_TOP; i++) {
         const double sign = i % 2 == 0 ? 1.0 : -1.0;
-        const double lean = camera->orthographic ? 0.0 : halves[i];
+        const double lean = camera->orthographic ? 0.0 : sides[i];
         const double length = hypot(1.0, lean);
         for (int axis = 0; axis < 3; axis++) {
             out_planes[i][axis] = (sign * axes[i][axis] - lean * camera->backward[axis]) / length;
         }
-        out_planes[i][3] = camera->orthographic ? halves[i] : 0.0;
+        out_planes[i][3] = camera->orthographic ? sides[i] : 0.0;
     }
     for (int axis = 0; axis < 3; axis++) {
         out_planes[CSM_NEAR][axis] = -camera->backward[axis];
@@ -221,6 +228,21 @@ int csm_frustum_clip_box(const csm_camera *camera, double near_depth, double far
     count +=
         clip_faces((const double(*)[3])box_corners, (const double(*)[4])planes, out_points + count);
     return count;
+}
+
+bool csm_planes_meet_box(const double planes[CSM_PLANE_COUNT][4], const double eye[3],
+                         const double bounds[6], double margin) {
+    for (int p = 0; p < CSM_PLANE_COUNT; p++) {
+        double highest = planes[p][3] + margin;
+        for (int axis = 0; axis < 3; axis++) {
+            const double end = planes[p][axis] > 0.0 ? bounds[axis + 3] : bounds[axis];
+            highest += planes[p][axis] * (end - eye[axis]);
+        }
+        if (!(highest >= 0.0)) {
+            return false;
+        }
+    }
+    return true;
 }
 
 bool csm_frustum_depth_of_box(const csm_camera *camera, const double bounds[6], double *out_depth) {

@@ -16,4 +16,9 @@
 int csm_frustum_clip_box(const csm_camera *camera, double near_depth, double far_depth,
                          const double bounds[6], double out_points[CSM_CLIP_MAX][3]);
 
+/* Whether a world box, widened by a margin, has a point on the inner side of each plane; planes
+ * relative to the eye. Boxes beside an edge of the frustum may pass: it errs towards true. */
+bool csm_planes_meet_box(const double planes[CSM_PLANE_COUNT][4], const double eye[3],
+                         const double bounds[6], double margin);
+
 #endif

@@ -63,12 +63,15 @@ static inline void mat4_rotate(const double m[16], const double v[3], double out
     out[2] = z;
 }
 
-/* View depth near to 0, far to 1; half_width and half_height are tangents of the half angles. */
-static inline void perspective_rh_zo(double half_width, double half_height, double near_depth,
-                                     double far_depth, double out[16]) {
+/* View depth near to 0, far to 1; half_width and half_height are tangents of the half angles,
+ * centre the tangents at which the picture's centre is seen. */
+static inline void perspective_rh_zo(double half_width, double half_height, const double centre[2],
+                                     double near_depth, double far_depth, double out[16]) {
     memset(out, 0, 16 * sizeof *out);
     out[0] = 1.0 / half_width;
     out[5] = 1.0 / half_height;
+    out[8] = centre[0] / half_width;
+    out[9] = centre[1] / half_height;
     out[10] = -far_depth / (far_depth - near_depth);
     out[11] = -1.0;
     out[14] = -far_depth / (far_depth - near_depth) * near_depth;

@@ -57,6 +57,14 @@ csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int
 bool csm_receivers_depths(const csm_cascades_desc *desc, double out_range[2],
                           uint32_t histogram[CSM_DEPTH_BINS]);
 
+/* clipped.c: the same for fit = clipped and focus. */
+void csm_fit_clipped(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab);
+
+/* snap.c: the half side of a window whose size changes with the view: as it is, or, snapped
+ * exactly, rounded up to a size that it keeps while the view moves a little. */
+double csm_settle_half(const csm_cascades_desc *desc, int i, int axis, double half,
+                       csm_cascades *out);
+
 /* Padding of a window in texels: the kernel, and how far a receiver may be moved. */
 int csm_window_padding(const csm_settings *settings);
 

@@ -6,14 +6,7 @@
  */
 #include "placement.h"
 
-#include <limits.h>
-
 #include "linalg.h"
-
-/* Sizes of a window in motion are 2^(k / 8) m: at most 9 % too large, and up to two steps more
- * while a held size is kept. */
-#define STEPS_PER_OCTAVE 8
-#define HELD_STEPS 2
 
 /* Turned windows are tried every 90 / 32 degrees: the best of them is at most 2.5 % wider than the
  * best of all. */
@@ -149,19 +142,6 @@ static rectangle enclose_turned(const csm_cascades_desc *desc, csm_cascades *out
     return best;
 }
 
-/* The next size up, or the held one while it is at most HELD_STEPS too large. */
-static double quantised(double half, int held, int *out_step) {
-    int step = (int)ceil(STEPS_PER_OCTAVE * log2(half));
-    while (exp2((double)step / STEPS_PER_OCTAVE) < half) {
-        step++;
-    }
-    if (held >= step && held <= step + HELD_STEPS) {
-        step = held;
-    }
-    *out_step = step;
-    return exp2((double)step / STEPS_PER_OCTAVE);
-}
-
 csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
                            csm_error *err) {
     const csm_settings *settings = desc->settings;
@@ -190,12 +170,7 @@ csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int
         if (!empty) {
             slab->centre[axis] = origin[axis] + 0.5 * (seen.low[axis] + seen.high[axis]);
         }
-        half = fmax(half + rounding, least);
-        if (settings->effects[CSM_EFFECT_SNAP] == CSM_SNAP_EXACT) {
-            const int held = desc->held ? desc->held->window_step[i][axis] : INT_MIN;
-            half = quantised(half, held, &out->hold.window_step[i][axis]);
-        }
-        slab->half[axis] = half;
+        slab->half[axis] = csm_settle_half(desc, i, axis, fmax(half + rounding, least), out);
     }
     return CSM_OK;
 }

@@ -38,6 +38,7 @@ typedef struct scene_build {
     sort_key *keys;         /* triangles of the mesh at hand */
     uint32_t *vertex_place; /* where its vertices went, UINT32_MAX: nowhere yet */
     csm_geometry *out;
+    bool boxes_alone;   /* chunks and their boxes, nothing to draw */
     size_t chunk, item; /* written so far */
 } scene_build;
 
@@ -275,15 +276,18 @@ static csm_status allocate(const scene_build *build, csm_error *err) {
             "a scene may hold at most %u vertices and triangles together (got %zu and %zu)",
             UINT32_MAX / 3, vertices - out->triangle_count, out->triangle_count);
     }
-    out->vertex_count = out->triangle_count;
-    out->positions = malloc(vertices * 3 * sizeof *out->positions);
-    out->indices = malloc(out->triangle_count * 3 * sizeof *out->indices);
-    out->planes = malloc(out->triangle_count * 4 * sizeof *out->planes);
-    out->instances = malloc(instances * 12 * sizeof *out->instances);
     out->chunks = malloc(out->chunk_count * sizeof *out->chunks);
     out->items = malloc(out->item_count * sizeof *out->items);
-    if (!out->positions || !out->indices || !out->planes || !out->instances || !out->chunks ||
-        !out->items) {
+    bool enough = out->chunks && out->items;
+    if (!build->boxes_alone) {
+        out->vertex_count = out->triangle_count;
+        out->positions = malloc(vertices * 3 * sizeof *out->positions);
+        out->indices = malloc(out->triangle_count * 3 * sizeof *out->indices);
+        out->planes = malloc(out->triangle_count * 4 * sizeof *out->planes);
+        out->instances = malloc(instances * 12 * sizeof *out->instances);
+        enough = enough && out->positions && out->indices && out->planes && out->instances;
+    }
+    if (!enough) {
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu triangles",
                         out->triangle_count);
     }
@@ -343,7 +347,7 @@ static void write_chunks(scene_build *build, int mesh_number) {
             int32_t instance = build->order[place];
             csm_item *item = &out->items[build->item++];
             item->chunk = (uint32_t)build->chunk;
-            item->instance = (uint32_t)build->row[instance];
+            item->instance = build->boxes_alone ? 0 : (uint32_t)build->row[instance];
             item_bounds(build, mesh, first, count,
                         build->desc->world_from_instance + 16 * (size_t)instance, item->bounds);
             grow(out->bounds, item->bounds);
@@ -381,7 +385,8 @@ static void count_uses(const scene_build *build) {
     }
 }
 
-csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm_error *err) {
+static csm_status build_scene(const csm_scene_desc *desc, bool boxes_alone, csm_geometry *out,
+                              csm_error *err) {
     csm_status status = check_scene(desc, err);
     if (status != CSM_OK) {
         return status;
@@ -397,6 +402,7 @@ csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm
     scene_build build = {
         .desc = desc,
         .out = out,
+        .boxes_alone = boxes_alone,
         .uses = calloc((size_t)desc->mesh_count, sizeof *build.uses),
         .order = malloc((size_t)desc->instance_count * sizeof *build.order),
         .row = malloc((size_t)desc->instance_count * sizeof *build.row),
@@ -412,11 +418,15 @@ csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm
     if (status != CSM_OK) {
         goto done;
     }
-    write_instances(&build);
+    if (!boxes_alone) {
+        write_instances(&build);
+    }
     for (int m = 0; m < desc->mesh_count; m++) {
         if (build.uses[m].count) {
             sort_triangles(&desc->meshes[m], build.keys);
-            write_triangles(&build, m);
+            if (!boxes_alone) {
+                write_triangles(&build, m);
+            }
             write_chunks(&build, m);
         }
     }
@@ -430,6 +440,14 @@ done:
         csm_geometry_destroy(out);
     }
     return status;
+}
+
+csm_status csm_geometry_build(const csm_scene_desc *desc, csm_geometry *out, csm_error *err) {
+    return build_scene(desc, false, out, err);
+}
+
+csm_status csm_geometry_boxes(const csm_scene_desc *desc, csm_geometry *out, csm_error *err) {
+    return build_scene(desc, true, out, err);
 }
 
 void csm_geometry_destroy(csm_geometry *geometry) {

@@ -4,9 +4,37 @@
  * texel size, and the corner as integers in units of the texel. In light space, fixed to the world,
  * equal texel sizes and integer corners mean that a moving camera moves the texel grid onto itself.
  */
-#include "csm.h"
+#include "placement.h"
 
+#include <limits.h>
 #include <math.h>
+
+/* Sizes of a window in motion are 2^(k / 8) m: at most 9 % too large, and up to two steps more
+ * while a held size is kept. */
+#define STEPS_PER_OCTAVE 8
+#define HELD_STEPS 2
+
+/* The next size up, or the held one while it is at most HELD_STEPS too large. */
+static double quantised(double half, int held, int *out_step) {
+    int step = (int)ceil(STEPS_PER_OCTAVE * log2(half));
+    while (exp2((double)step / STEPS_PER_OCTAVE) < half) {
+        step++;
+    }
+    if (held >= step && held <= step + HELD_STEPS) {
+        step = held;
+    }
+    *out_step = step;
+    return exp2((double)step / STEPS_PER_OCTAVE);
+}
+
+double csm_settle_half(const csm_cascades_desc *desc, int i, int axis, double half,
+                       csm_cascades *out) {
+    if (desc->settings->effects[CSM_EFFECT_SNAP] != CSM_SNAP_EXACT) {
+        return half;
+    }
+    const int held = desc->held ? desc->held->window_step[i][axis] : INT_MIN;
+    return quantised(half, held, &out->hold.window_step[i][axis]);
+}
 
 csm_status csm_snap_window(const csm_window *window, int map_size, int padding_texels, int snap,
                            double out_corner[2], double out_texel_size[2], int64_t out_lattice[2],

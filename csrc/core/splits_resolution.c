@@ -26,9 +26,9 @@ typedef struct march {
  * taken at their largest: the slice's diameter. */
 static double half_extent(const march *m, double near_depth, double far_depth) {
     if (m->fit == CSM_FIT_SPHERE || m->fit == CSM_FIT_SHIFTED) {
-        double centre_depth, radius;
-        csm_fit_sphere(m->camera, near_depth, far_depth, &centre_depth, &radius);
-        return radius;
+        csm_ball ball;
+        csm_fit_sphere(m->camera, near_depth, far_depth, &ball);
+        return ball.radius;
     }
     return 0.5 * csm_fit_diameter(m->camera, m->fit == CSM_FIT_SCENE ? m->range_near : near_depth,
                                   far_depth);

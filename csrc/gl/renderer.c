@@ -337,6 +337,7 @@ static void upload_uniforms(csm_frame *frame) {
 
 static csm_status place_cascades(csm_frame *frame, csm_error *err) {
     const csm_render_desc *desc = frame->desc;
+    const csm_geometry *geometry = &desc->scene->geometry;
     csm_settings settings = desc->settings;
     if (settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
         /* no map asks for these cascades: they must not refuse a camera either */
@@ -348,6 +349,9 @@ static csm_status place_cascades(csm_frame *frame, csm_error *err) {
         .to_light = {desc->to_light[0], desc->to_light[1], desc->to_light[2]},
         .settings = &settings,
         .scene_bounds = desc->scene_bounds,
+        .boxes = geometry->item_count ? geometry->items->bounds : NULL,
+        .box_count = geometry->item_count,
+        .box_stride = sizeof *geometry->items,
         .held = desc->held};
     csm_status status = csm_cascades_fit(&fit, &frame->out->cascades, err);
     if (status == CSM_OK && frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE) {

@@ -152,6 +152,8 @@ int csm_py_parse_camera(PyObject *camera, csm_camera *out) {
         csm_py_attribute_vector(camera, "backward", 3, out->backward) < 0 ||
         csm_py_attribute_double(camera, "half_width", &out->half_width) < 0 ||
         csm_py_attribute_double(camera, "half_height", &out->half_height) < 0 ||
+        csm_py_attribute_double(camera, "centre_x", &out->centre[0]) < 0 ||
+        csm_py_attribute_double(camera, "centre_y", &out->centre[1]) < 0 ||
         csm_py_attribute_double(camera, "near", &out->near_depth) < 0 ||
         csm_py_attribute_double(camera, "far", &out->far_depth) < 0 ||
         csm_py_attribute_vector(camera, "size", 2, size) < 0) {

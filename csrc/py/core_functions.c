@@ -192,12 +192,85 @@ PyDoc_STRVAR(fit_sphere_doc, "fit_sphere(camera, near, far)\n--\n\n"
 
 static PyObject *fit_sphere(PyObject *module, PyObject *args, PyObject *kwargs) {
     csm_camera camera;
-    double near_depth, far_depth, centre_depth, radius;
+    double near_depth, far_depth;
+    csm_ball ball;
     if (parse_slice(module, args, kwargs, &camera, &near_depth, &far_depth) < 0) {
         return NULL;
     }
-    csm_fit_sphere(&camera, near_depth, far_depth, &centre_depth, &radius);
-    return Py_BuildValue("dd", centre_depth, radius);
+    csm_fit_sphere(&camera, near_depth, far_depth, &ball);
+    return Py_BuildValue("dd", ball.centre[2], ball.radius);
+}
+
+PyDoc_STRVAR(fit_shifted_doc,
+             "fit_shifted(camera, near, far)\n--\n\n"
+             "(centre_depth, radius, whole_from, whole_until) [m]: the smallest sphere of a slice, "
+             "shifted along the view as far as it keeps the near corners, and the view depths "
+             "between which it holds the whole cross-section.");
+
+static PyObject *fit_shifted(PyObject *module, PyObject *args, PyObject *kwargs) {
+    csm_camera camera;
+    double near_depth, far_depth;
+    csm_ball ball;
+    if (parse_slice(module, args, kwargs, &camera, &near_depth, &far_depth) < 0) {
+        return NULL;
+    }
+    csm_fit_shifted(&camera, near_depth, far_depth, &ball);
+    return Py_BuildValue("dddd", ball.centre[2], ball.radius, ball.whole[0], ball.whole[1]);
+}
+
+PyDoc_STRVAR(
+    fit_spheres_doc,
+    "fit_spheres(camera, splits, shifted)\n--\n\n"
+    "(centres, radii, whole) of the spheres of all slices: (n, 3) right and up of the view "
+    "axis and view depth, (n,), (n, 2) view depths between which each holds the whole "
+    "cross-section [m]; splits (n + 1,) must ascend.");
+
+static PyObject *fit_spheres(PyObject *module, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"camera", "splits", "shifted", NULL};
+    PyObject *object, *splits_object;
+    int shifted;
+    csm_camera camera;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOp:fit_spheres", names, &object,
+                                     &splits_object, &shifted) ||
+        parse_camera(module, object, &camera) < 0) {
+        return NULL;
+    }
+    PyArrayObject *splits = csm_py_rows(splits_object, "splits", NPY_DOUBLE, 0);
+    if (!splits) {
+        return NULL;
+    }
+    const double *depths = PyArray_DATA(splits);
+    const npy_intp count = PyArray_DIM(splits, 0) - 1;
+    bool ascend = count >= 1 && count <= CSM_MAX_CASCADES && isfinite(depths[0]) &&
+                  (camera.orthographic || depths[0] > 0.0);
+    for (npy_intp i = 0; ascend && i < count; i++) {
+        ascend = isfinite(depths[i + 1]) && depths[i + 1] > depths[i];
+    }
+    if (!ascend) {
+        Py_DECREF(splits);
+        return PyErr_Format(PyExc_ValueError,
+                            "splits must be 2 to %d ascending view depths, > 0 for a perspective "
+                            "camera (got %R)",
+                            CSM_MAX_CASCADES + 1, splits_object);
+    }
+    csm_ball balls[CSM_MAX_CASCADES];
+    if (shifted) {
+        csm_fit_shifted_chain(&camera, depths, (int)count, balls);
+    }
+    double centres[CSM_MAX_CASCADES][3], radii[CSM_MAX_CASCADES], whole[CSM_MAX_CASCADES][2];
+    for (npy_intp i = 0; i < count; i++) {
+        if (!shifted) {
+            csm_fit_sphere(&camera, depths[i], depths[i + 1], &balls[i]);
+        }
+        memcpy(centres[i], balls[i].centre, sizeof centres[i]);
+        radii[i] = balls[i].radius;
+        memcpy(whole[i], balls[i].whole, sizeof whole[i]);
+    }
+    Py_DECREF(splits);
+    const npy_intp threes[2] = {count, 3}, ones[1] = {count}, pairs[2] = {count, 2};
+    return Py_BuildValue("NNN", new_array(2, threes, NPY_DOUBLE, centres),
+                         new_array(1, ones, NPY_DOUBLE, radii),
+                         new_array(2, pairs, NPY_DOUBLE, whole));
 }
 
 PyDoc_STRVAR(fit_diameter_doc, "fit_diameter(camera, near, far)\n--\n\n"
@@ -348,6 +421,7 @@ int csm_py_parse_fit(PyObject *camera, PyObject *to_light, PyObject *settings, P
         }
         out->desc.boxes = PyArray_DATA(out->boxes);
         out->desc.box_count = (size_t)PyArray_DIM(out->boxes, 0);
+        out->desc.box_stride = 6 * sizeof(double);
     }
     out->desc.settings = &out->settings;
     if (bounds != Py_None) {
@@ -496,9 +570,9 @@ static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) 
     { #name, (PyCFunction)(void (*)(void))name, METH_VARARGS | METH_KEYWORDS, name##_doc }
 
 PyMethodDef csm_py_core_methods[] = {
-    METHOD(split_distances), METHOD(range_round_up),  METHOD(light_basis),
-    METHOD(camera_matrices), METHOD(frustum_corners), METHOD(frustum_planes),
-    METHOD(fit_sphere),      METHOD(fit_diameter),    METHOD(frustum_depth_of_box),
-    METHOD(snap_window),     METHOD(make_warp),       METHOD(fit_cascades),
-    METHOD(cull_boxes),      {NULL, NULL, 0, NULL},
+    METHOD(split_distances), METHOD(range_round_up),       METHOD(light_basis),
+    METHOD(camera_matrices), METHOD(frustum_corners),      METHOD(frustum_planes),
+    METHOD(fit_sphere),      METHOD(fit_shifted),          METHOD(fit_spheres),
+    METHOD(fit_diameter),    METHOD(frustum_depth_of_box), METHOD(snap_window),
+    METHOD(make_warp), METHOD(fit_cascades),    METHOD(cull_boxes),           {NULL, NULL, 0, NULL},
 };

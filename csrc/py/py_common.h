@@ -88,6 +88,23 @@ extern PyMethodDef csm_py_core_methods[];
 /* coverage_functions.c */
 extern PyMethodDef csm_py_coverage_methods[];
 
+/* scene_arguments.c */
+
+/* A scene's arrays; desc points into what the rest holds. */
+typedef struct csm_py_scene {
+    csm_scene_desc desc;
+    csm_mesh_view *views;
+    PyArrayObject **arrays; /* two per mesh, held while C reads them */
+    PyArrayObject *instance_mesh;
+    double *transforms;
+} csm_py_scene;
+
+/* format: "O!OOO:name" of (meshes, instance_mesh, world_from_instance, origin). Release what came
+ * of it, also after a failure. */
+int csm_py_parse_scene(PyObject *args, const char *format, csm_py_scene *scene);
+void csm_py_release_scene(csm_py_scene *scene);
+extern PyMethodDef csm_py_scene_methods[];
+
 /* settings_functions.c */
 extern PyMethodDef csm_py_settings_methods[];
 

@@ -208,81 +208,9 @@ static PyObject *renderer_messages(PyObject *object, PyObject *unused) {
 /* -- scenes ---------------------------------------------------------------------------------------
  */
 
-typedef struct scene_arguments {
-    csm_scene_desc desc;
-    csm_mesh_view *views;
-    PyArrayObject **arrays; /* two per mesh, held while C reads them */
-    PyArrayObject *instance_mesh;
-    double *transforms;
-} scene_arguments;
-
-static void release_scene(scene_arguments *scene) {
-    for (int i = 0; scene->arrays && i < 2 * scene->desc.mesh_count; i++) {
-        Py_XDECREF(scene->arrays[i]);
-    }
-    Py_XDECREF(scene->instance_mesh);
-    PyMem_Free(scene->arrays);
-    PyMem_Free(scene->views);
-    PyMem_Free(scene->transforms);
-}
-
-static int parse_meshes(PyObject *meshes, scene_arguments *scene) {
-    Py_ssize_t count = PyTuple_GET_SIZE(meshes);
-    scene->views = PyMem_Calloc((size_t)count + 1, sizeof *scene->views);
-    scene->arrays = PyMem_Calloc(2 * (size_t)count + 1, sizeof(PyArrayObject *));
-    if (!scene->views || !scene->arrays) {
-        PyErr_NoMemory();
-        return -1;
-    }
-    scene->desc.mesh_count = (int)count;
-    for (Py_ssize_t i = 0; i < count; i++) {
-        PyObject *positions, *triangles;
-        if (!PyArg_ParseTuple(PyTuple_GET_ITEM(meshes, i), "OO", &positions, &triangles)) {
-            return -1;
-        }
-        scene->arrays[2 * i] = csm_py_rows(positions, "positions", NPY_DOUBLE, 3);
-        scene->arrays[2 * i + 1] = csm_py_rows(triangles, "triangles", NPY_INT32, 3);
-        if (!scene->arrays[2 * i] || !scene->arrays[2 * i + 1]) {
-            return -1;
-        }
-        scene->views[i] = (csm_mesh_view){PyArray_DATA(scene->arrays[2 * i]),
-                                          (size_t)PyArray_DIM(scene->arrays[2 * i], 0),
-                                          PyArray_DATA(scene->arrays[2 * i + 1]),
-                                          (size_t)PyArray_DIM(scene->arrays[2 * i + 1], 0)};
-    }
-    scene->desc.meshes = scene->views;
-    return 0;
-}
-
-static int parse_scene(PyObject *args, scene_arguments *scene) {
-    PyObject *meshes, *instance_mesh, *transforms, *origin;
-    npy_intp count;
-    memset(scene, 0, sizeof *scene);
-    if (!PyArg_ParseTuple(args, "O!OOO:upload", &PyTuple_Type, &meshes, &instance_mesh, &transforms,
-                          &origin) ||
-        parse_meshes(meshes, scene) < 0 ||
-        csm_py_vector(origin, "origin", 3, scene->desc.origin) < 0 ||
-        csm_py_matrices(transforms, "world_from_instance", &scene->transforms, &count) < 0) {
-        return -1;
-    }
-    scene->instance_mesh = csm_py_rows(instance_mesh, "instance_mesh", NPY_INT32, 0);
-    if (!scene->instance_mesh) {
-        return -1;
-    }
-    if (PyArray_DIM(scene->instance_mesh, 0) != count) {
-        PyErr_SetString(PyExc_ValueError,
-                        "instance_mesh and world_from_instance must have the same length");
-        return -1;
-    }
-    scene->desc.instance_mesh = PyArray_DATA(scene->instance_mesh);
-    scene->desc.world_from_instance = scene->transforms;
-    scene->desc.instance_count = (int)count;
-    return 0;
-}
-
 static PyObject *renderer_upload(PyObject *object, PyObject *args) {
     csm_renderer *renderer = open_renderer(object);
-    scene_arguments scene;
+    csm_py_scene scene;
     csm_geometry geometry = {0};
     csm_gpu_scene *uploaded = NULL;
     csm_error err = {0};
@@ -290,8 +218,8 @@ static PyObject *renderer_upload(PyObject *object, PyObject *args) {
     if (!renderer) {
         return NULL;
     }
-    if (parse_scene(args, &scene) < 0) {
-        release_scene(&scene);
+    if (csm_py_parse_scene(args, "O!OOO:upload", &scene) < 0) {
+        csm_py_release_scene(&scene);
         return NULL;
     }
     Py_BEGIN_ALLOW_THREADS
@@ -301,7 +229,7 @@ static PyObject *renderer_upload(PyObject *object, PyObject *args) {
     }
     csm_geometry_destroy(&geometry);
     Py_END_ALLOW_THREADS
-    release_scene(&scene);
+    csm_py_release_scene(&scene);
     if (status != CSM_OK) {
         return csm_py_raise(module_of(object), &err);
     }
