@@ -171,6 +171,10 @@ def frustum_depth_of_box(camera: _Camera, bounds: ArrayLike) -> float | None: ..
 def snap_window(
     centre: ArrayLike, half_extent: ArrayLike, map_size: int, padding_texels: int, snap: _Snap
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]: ...
+def snap_level(
+    ratio: float, spacing: int, count: int, hysteresis: int = 0, held: int | None = None
+) -> tuple[float, int]: ...
+def sun_step(to_light: ArrayLike, step_deg: float) -> NDArray[np.float64]: ...
 def make_warp(
     camera: _Camera,
     to_light: ArrayLike,

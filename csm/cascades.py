@@ -36,7 +36,9 @@ class Cascades:
     splits : (n + 1,) float64
         Ascending view depths [m]; cascade i is fitted to ``splits[i]`` to ``splits[i + 1]``.
     light_from_world : (n, 4, 4) float64
-        Rotation about the world origin; light +z is `to_light`.
+        Rotation about the world origin, light +z being `to_light`; a skew under
+        ``light_basis="world"``, whose x and y axes lie along the world's and whose z counts the
+        metres along the ray to the light. Under ``sun_step_deg`` of the stepped sun.
     clip_from_light, clip_from_world : (n, 4, 4) float64
         Clip x, y in [-1, 1], z from 0 at the caster side to 1.
     uvz_from_world : (n, 4, 4) float64

@@ -11,8 +11,9 @@
  *   world       right-handed, y up, metres
  *   view        right-handed, camera looks down -z; view depth = -z, positive in front [m]
  *   to_light    unit vector from a surface to the light, world space
- *   light view  right-handed, +z is to_light; light_from_world is a pure rotation about the world
- *               origin; light-view depth = -z of light space, small at the caster side [m]
+ *   light view  right-handed, +z along to_light, in metres; light_from_world is a rotation about
+ *               the world origin, or under light_basis = world a skew; light-view depth = -z of
+ *               light space, small at the caster side [m]
  *   clip        x, y in [-1, 1], z in [0, 1], near = 0
  *   uvz         x, y in [0, 1] over the shadow map, (0, 0) its lower left; z as clip
  *   matrices    column-major, column vectors, named to_from: clip_from_world = clip_from_light *
@@ -262,12 +263,17 @@ csm_status csm_splits_compute(double near_depth, double far_depth, int count, in
 double csm_range_round_up(double near_depth, double depth, int held_step, int *out_step);
 
 /* ------------------------------------------------------------------------------------------------
- * 5. Light basis (docs/numerics.md 6)
+ * 5. Light basis (docs/numerics.md 6 and 18)
  */
 
 /* Rows X, Y, Z = to_light of an orthonormal, right-handed basis, branch-free; out is the 4x4
  * light_from_world. Fails on a zero or non-finite direction; to_light need not have unit length. */
 csm_status csm_light_basis_orthonormal(const double to_light[3], double out[16], csm_error *err);
+
+/* The nearest direction of a lattice that covers the sphere evenly, poles included: rings of
+ * elevation at most step_deg apart, each cut into equal steps of azimuth. Moves a unit vector by
+ * less than 4/5 of step_deg; leaves it alone where step_deg is 0. */
+void csm_sun_step(double step_deg, double to_light[3]);
 
 /* ------------------------------------------------------------------------------------------------
  * 6. Cascades (docs/numerics.md 3 to 8)
@@ -304,6 +310,13 @@ void csm_fit_shifted_chain(const csm_camera *camera, const double *splits, int c
 /* Largest distance between two corners of a slice [m] (docs/numerics.md 5). */
 double csm_fit_diameter(const csm_camera *camera, double near_depth, double far_depth);
 
+/* Approximate snapping (docs/numerics.md 19): the least level of a window that is at least ratio of
+ * the base window, or the held one while it is at most hysteresis levels above; *out_level counts
+ * up with the size. spacing LINEAR: level / count; GEOMETRIC: 2^(8 level / count), so that count
+ * levels cover a factor of 256. Both go on beyond the base. NAN where a level is no int. */
+double csm_snap_level(double ratio, int spacing, int count, int hysteresis, int held,
+                      int *out_level);
+
 /* Snapped or free lower corner and texel size of a window (docs/numerics.md 7): half extents are
  * widened to H S / (S - 1 - 2p) when snapped and H S / (S - 2p) when not; a snapped corner is
  * lattice * texel_size. The one place where positions are rounded. Fails if no texel is left or the
@@ -319,8 +332,11 @@ typedef struct csm_hold {
     int cut_step[CSM_MAX_CASCADES];       /* where split = histogram ends a cascade */
     int window_step[CSM_MAX_CASCADES][2]; /* sizes of windows that change with the view */
     int level[CSM_MAX_CASCADES][2];       /* of approximate snapping */
-    bool transported;                     /* light_from_world holds the basis of the frame before */
-    double light_from_world[16];
+    int span_step[CSM_MAX_CASCADES];      /* of depth ranges of less than the scene */
+    int light_basis;                      /* what light_from_world is: WORLD if it is skewed,
+                                             otherwise ORTHONORMAL */
+    int stretch_step;                     /* of a skewed light_from_world */
+    double light_from_world[16];          /* before a window is turned */
 } csm_hold;
 
 /* Nothing held. */
@@ -388,6 +404,8 @@ typedef struct csm_cascades {
     double served_from[CSM_MAX_CASCADES]; /* view depth up to which finer maps hold all that is
                                              seen: splits[i], or less (fit shifted) */
     double light_from_world[CSM_MAX_CASCADES][16];
+    double stretch; /* at most so much longer than in the world is a length along an axis of light
+                       space; 1 for rotations, more for the skew of light_basis = world */
     double clip_from_light[CSM_MAX_CASCADES][16];
     double clip_from_world[CSM_MAX_CASCADES][16];
     double uvz_from_world[CSM_MAX_CASCADES][16];
@@ -409,6 +427,10 @@ void csm_cascade_window(const csm_cascades *cascades, int i, double out_window[4
 /* The first half of a fit: checks desc, fills count, splits, range_step, the hold of both, and the
  * light_from_world that windows start from. */
 csm_status csm_cascades_place(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
+
+/* Rows that take a world normal into light space: the inverse transpose of light_from_world, which
+ * for a rotation is itself. They are also the world vectors of one metre along each light axis. */
+void csm_light_normals(const csm_cascades *cascades, int cascade, double out[3][3]);
 
 /* Fits every cascade. Without scene_bounds, view_range and depth range come from the camera alone:
  * the depth range then holds the slice and as much again towards the light. */
@@ -495,6 +517,7 @@ typedef struct csm_cull_volume {
     double lowest_z; /* casters wholly below this light z cannot matter; -INFINITY: unknown */
     int finer_count; /* rectangles of finer maps that are left out; 0: none */
     csm_cull_rectangle finer[CSM_MAX_CASCADES - 1];
+    double stretch; /* as csm_cascades */
 } csm_cull_volume;
 
 /* Volume of cascade i: with selection by interval the frustum of its slice, else from its slice on;

@@ -92,7 +92,7 @@ def place(frame, i, positions, normals, scale):
     largest = texel_size.max()
     span = np.diff(cascades.depth_range[i])[0]
     light = cascades.light_from_world[i][:3, :3]
-    normals_ls = normals @ light.T
+    normals_ls = normals @ np.linalg.inv(light)  # by the inverse transpose, for a skew
     cosine = np.maximum(normals_ls[:, 2], 1.0 / STEEPEST)
     gradient = normals_ls[:, :2] / cosine[:, None]
     sine = np.linalg.norm(np.cross(normals, frame.sun.to_light), axis=1)

@@ -4,6 +4,7 @@ import drawings
 import numpy as np
 import pytest
 
+import csm
 from csm import _core
 
 TOLERANCE = 5e-15  # products of three rounded unit components, a few roundings each
@@ -131,3 +132,94 @@ def test_b1_no_direction_is_refused(to_light):
 def test_wrong_shape_is_refused():
     with pytest.raises((TypeError, ValueError), match="to_light"):
         _core.light_basis((1.0, 2.0))
+
+
+# -- carried on from frame to frame (docs/numerics.md 18) ------------------------------------------
+
+
+CAMERA = csm.Camera.look_at((0, 2, 5), (0, 2, -90), near=0.1, far=100)
+TRANSPORTED = csm.ShadowSettings(light_basis="transported", cascade_count=1)
+
+
+def transported(path):
+    """(n, 3, 3) axes along a path of directions, each frame held by the next."""
+    held, axes = None, []
+    for to_light in path:
+        held = csm.fit_cascades(CAMERA, csm.Sun(to_light), TRANSPORTED, held=held)
+        axes.append(held.light_from_world[0, :3, :3])
+    return np.array(axes)
+
+
+def test_b1_transported_axes_turn_no_faster_than_the_light(figure):
+    # Through the pole and through z = 0, where the fixed basis jumps.
+    step = 1e-4
+    angles = step * np.arange(-1500, 1501)
+    zero = np.zeros_like(angles)
+    for path in (
+        np.stack([np.sin(angles), np.cos(angles), zero], axis=1),
+        np.stack([zero + 0.3, np.cos(angles), np.sin(angles)], axis=1),
+        np.stack([np.sin(angles), zero + 1e-9, -np.cos(angles)], axis=1),
+    ):
+        axes = transported(path)
+        change = np.linalg.norm(np.diff(axes, axis=0), axis=2).max() / step
+        figure("B1", "axes turn, transported", change, 2, "steps of the light")
+        skew = np.abs(axes @ axes.swapaxes(1, 2) - np.eye(3)).max()
+        figure("B1", "transported axes from orthonormal", skew, TOLERANCE)
+        turned_over = np.abs(np.cross(axes[:, 0], axes[:, 1]) - axes[:, 2]).max()
+        figure("B1", "transported axes from right-handed", turned_over, TOLERANCE)
+
+
+def test_b1_a_resting_sun_keeps_its_transported_axes_to_the_bit(figure):
+    path = [(0.3, 1, 0.2), (0.31, 1, 0.2)] + [(0.32, 1, 0.2)] * 50
+    axes = transported(path)
+    figure("B1", "creep of transported axes at rest", np.ptp(axes[2:], axis=0).max(), 0)
+
+
+def test_transported_starts_from_the_fixed_basis_and_after_a_half_turn():
+    for path in ([(0.3, 1, 0.2)], [(0.3, 1, 0.2), (-0.3, -1, -0.2)]):
+        np.testing.assert_array_equal(
+            transported(path)[-1], _core.light_basis(csm.Sun(path[-1]).to_light)[:3, :3]
+        )
+
+
+def test_b1_lights_of_any_length_are_placed(figure):
+    for basis in ("orthonormal", "world", "transported"):
+        settings = csm.ShadowSettings(light_basis=basis)
+        first, tiny = (
+            _core.fit_cascades(CAMERA, np.array([1.0, 2.0, -1.0]) * scale, settings)
+            for scale in (1.0, 1e-310)
+        )
+        off = np.abs(first["light_from_world"] - tiny["light_from_world"]).max()
+        figure("B1", "axes of a denormal light", off, 1e-12)
+        with pytest.raises(ValueError, match="to_light"):
+            _core.fit_cascades(CAMERA, (0.0, 0.0, 0.0), settings)
+
+
+# -- a sun in steps --------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("step", [0.1, 1.0, 7.0, 30.0, 90.0])
+def test_b1_a_stepped_sun_is_never_far_from_the_sun(figure, step):
+    rng = np.random.default_rng(2)
+    directions = rng.normal(size=(3000, 3))
+    # round the poles, where rings are short
+    directions[:1000] = [0, 1, 0] + rng.normal(size=(1000, 3)) * np.radians(step) * 1.5
+    directions /= np.linalg.norm(directions, axis=1, keepdims=True)
+    stepped = np.array([_core.sun_step(each, step) for each in directions])
+    apart = 2 * np.arcsin(np.linalg.norm(stepped - directions, axis=1).clip(0, 2) / 2)
+    figure("B1", "a stepped sun from the sun", np.degrees(apart).max() / step, 0.8, "steps")
+    np.testing.assert_allclose(np.linalg.norm(stepped, axis=1), 1, rtol=1e-15)
+    # a step of a step is itself: it is a lattice
+    again = np.array([_core.sun_step(each, step) for each in stepped])
+    assert np.abs(again - stepped).max() < 1e-12
+
+
+def test_a_stepped_sun_moves_the_maps_and_not_the_facing():
+    settings = csm.ShadowSettings(sun_step_deg=1.0)
+    axes = {
+        csm.fit_cascades(CAMERA, csm.Sun.from_angles(30 + moved, 40), settings)
+        .light_from_world[0].tobytes()
+        for moved in np.linspace(0, 5, 101)
+    }  # fmt: skip
+    assert 4 <= len(axes) <= 6
+    np.testing.assert_array_equal(_core.sun_step((0.3, 0.8, 0.1), 0.0), (0.3, 0.8, 0.1))

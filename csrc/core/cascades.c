@@ -12,9 +12,14 @@
 #include "linalg.h"
 
 csm_hold csm_hold_none(void) {
-    csm_hold hold = {.range_step = INT_MIN, .near_step = INT_MIN, .far_step = INT_MIN};
+    csm_hold hold = {.range_step = INT_MIN,
+                     .near_step = INT_MIN,
+                     .far_step = INT_MIN,
+                     .light_basis = INT_MIN,
+                     .stretch_step = INT_MIN};
     for (int i = 0; i < CSM_MAX_CASCADES; i++) {
         hold.cut_step[i] = INT_MIN;
+        hold.span_step[i] = INT_MIN;
         for (int axis = 0; axis < 2; axis++) {
             hold.window_step[i][axis] = hold.level[i][axis] = INT_MIN;
         }
@@ -22,8 +27,8 @@ csm_hold csm_hold_none(void) {
     return hold;
 }
 
-int csm_window_padding(const csm_settings *settings) {
-    const double offset = csm_settings_bias(settings).normal_offset_texels;
+int csm_window_padding(const csm_settings *settings, double stretch) {
+    const double offset = stretch * csm_settings_bias(settings).normal_offset_texels;
     return csm_settings_kernel_radius(settings) + (int)ceil(fmin(fabs(offset), 65536.0));
 }
 
@@ -79,7 +84,7 @@ static csm_status warp_cascade(const csm_cascades_desc *desc, int i, csm_slab *s
     const csm_status status =
         csm_warp_make(settings->effects[CSM_EFFECT_WARP], &desc->camera, out->light_from_world[i],
                       (const double(*)[3])points, count, settings->map_size[i],
-                      csm_window_padding(settings), warp, err);
+                      csm_window_padding(settings, 1.0), warp, err);
     if (status != CSM_OK) {
         return status;
     }
@@ -114,9 +119,13 @@ static csm_status snap_cascade(const csm_cascades_desc *desc, int i, const csm_s
     csm_window window;
     memcpy(window.centre, slab->centre, sizeof window.centre);
     memcpy(window.half_extent, slab->half, sizeof window.half_extent);
-    const csm_status status = csm_snap_window(&window, map_size, csm_window_padding(desc->settings),
-                                              desc->settings->effects[CSM_EFFECT_SNAP], out_corner,
-                                              out->texel_size[i], out->lattice[i], err);
+    const int padding = csm_window_padding(desc->settings, out->stretch);
+    csm_status status = csm_snap_sizes(desc, out, i, padding, &window, err);
+    if (status == CSM_OK) {
+        status =
+            csm_snap_window(&window, map_size, padding, desc->settings->effects[CSM_EFFECT_SNAP],
+                            out_corner, out->texel_size[i], out->lattice[i], err);
+    }
     out_sides[0] = map_size * out->texel_size[i][0];
     out_sides[1] = map_size * out->texel_size[i][1];
     return status;
@@ -138,7 +147,7 @@ static csm_status fit_cascade(const csm_cascades_desc *desc, int i, csm_cascades
         return status;
     }
     const double *light_from_world = out->light_from_world[i];
-    csm_choose_depth_range(desc, light_from_world, &slice, corner, sides, &depth, &span);
+    csm_choose_depth_range(desc, out, i, &slice, corner, sides, &depth, &span);
     if (warped) {
         out->clip_from_light[i][10] = -1.0 / span;
         out->clip_from_light[i][14] = -depth / span;

@@ -82,7 +82,7 @@ void csm_fit_clipped(const csm_cascades_desc *desc, csm_cascades *out, int i, cs
     if (!desc->scene_bounds) {
         return;
     }
-    const double rounding = box_rounding(desc->scene_bounds);
+    const double rounding = out->stretch * box_rounding(desc->scene_bounds);
     double bounds[6], eye_ls[3];
     box_widen(desc->scene_bounds, rounding, bounds);
     rectangle held = round_slice(&desc->camera, basis, near_depth, far_depth, bounds);

@@ -106,7 +106,8 @@ void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_c
     csm_cascade_window(cascades, cascade, out->window, &texel);
     /* One texel more: half of it to the centre of the texel that a lookup falls into, the rest for
      * the rasteriser's own snapping. */
-    out->margin = (margin_texels + 1.0) * texel;
+    out->stretch = cascades->stretch;
+    out->margin = (margin_texels * out->stretch + 1.0) * texel;
     out->lowest_z = -INFINITY;
     if (!whole_window) {
         /* By window, a cascade also serves what its own holds of the slices behind, and of those
@@ -134,7 +135,8 @@ void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double b
             !memcmp(out->light_from_world, volume->light_from_world, sizeof out->light_from_world);
         const double margin = volume->margin * (along ? 1.0 : sqrt(2.0));
         for (int axis = 0; axis < 2; axis++) {
-            const double shrink = margin + border_texels * cascades->texel_size[i][axis];
+            const double shrink =
+                margin + cascades->stretch * border_texels * cascades->texel_size[i][axis];
             out->window[axis] += shrink;
             out->window[axis + 2] -= shrink;
         }
@@ -233,7 +235,7 @@ size_t csm_cull_items(const csm_geometry *geometry, const csm_cull_volume *volum
                       uint32_t *out_items, size_t *out_in_finer) {
     csm_cull_volume rounded = {0};
     if (volume) {
-        rounded = allow_for_rounding(volume, box_rounding(geometry->bounds));
+        rounded = allow_for_rounding(volume, volume->stretch * box_rounding(geometry->bounds));
     }
     size_t kept = 0, in_finer = 0;
     for (size_t i = 0; i < geometry->item_count; i++) {

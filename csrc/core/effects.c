@@ -149,7 +149,9 @@ void csm_settings_canonical_placement(csm_settings *settings) {
         reset(settings, CSM_EFFECT_LIGHT_BASIS);
     }
     if (effects[CSM_EFFECT_TURNED] || effects[CSM_EFFECT_WARP] != CSM_WARP_NONE) {
-        effects[CSM_EFFECT_SNAP] = CSM_SNAP_NONE; /* their texels are not the world's */
+        /* their texels are not the world's */
+        effects[CSM_EFFECT_SNAP] = CSM_SNAP_NONE;
+        reset(settings, CSM_EFFECT_LIGHT_BASIS);
     }
     if (effects[CSM_EFFECT_SNAP] != CSM_SNAP_APPROXIMATE) {
         reset(settings, CSM_EFFECT_LEVEL_SPACING);

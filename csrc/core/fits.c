@@ -54,14 +54,15 @@ csm_slab csm_slice_bounds(const csm_camera *camera, const double light_from_worl
 }
 
 static csm_slab ball_slab(const csm_camera *camera, const double light_from_world[16],
-                          const csm_ball *ball) {
+                          double stretch, const csm_ball *ball) {
     double centre[3];
+    const double half = stretch * ball->radius; /* a world length takes up to so much */
     for (int axis = 0; axis < 3; axis++) {
         centre[axis] = camera->eye[axis] + camera->right[axis] * ball->centre[0] +
                        camera->up[axis] * ball->centre[1] -
                        camera->backward[axis] * ball->centre[2];
     }
-    csm_slab out = {.half = {ball->radius, ball->radius, ball->radius}};
+    csm_slab out = {.half = {half, half, half}};
     mat4_rotate(light_from_world, centre, out.centre);
     return out;
 }
@@ -82,11 +83,11 @@ csm_status csm_fit_slab(const csm_cascades_desc *desc, csm_cascades *out, int i,
         return CSM_OK;
     case CSM_FIT_SPHERE:
         csm_fit_sphere(camera, near_depth, far_depth, balls);
-        *slab = ball_slab(camera, basis, balls);
+        *slab = ball_slab(camera, basis, out->stretch, balls);
         return CSM_OK;
     case CSM_FIT_SHIFTED:
         csm_fit_shifted_chain(camera, out->splits, out->count, balls);
-        *slab = ball_slab(camera, basis, &balls[i]);
+        *slab = ball_slab(camera, basis, out->stretch, &balls[i]);
         out->served_from[i] = i > 0 ? balls[i - 1].whole[1] : near_depth;
         return CSM_OK;
     case CSM_FIT_SCENE:
@@ -98,7 +99,7 @@ csm_status csm_fit_slab(const csm_cascades_desc *desc, csm_cascades *out, int i,
     }
     if (desc->settings->effects[CSM_EFFECT_FIT] == CSM_FIT_DIAMETER) {
         /* No side of a box round the slice exceeds its diameter (docs/numerics.md 5). */
-        const double half = 0.5 * csm_fit_diameter(camera, near_depth, far_depth);
+        const double half = out->stretch * 0.5 * csm_fit_diameter(camera, near_depth, far_depth);
         slab->half[0] = slab->half[1] = slab->half[2] = half;
     }
     return CSM_OK;

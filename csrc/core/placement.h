@@ -65,12 +65,18 @@ void csm_fit_clipped(const csm_cascades_desc *desc, csm_cascades *out, int i, cs
 double csm_settle_half(const csm_cascades_desc *desc, int i, int axis, double half,
                        csm_cascades *out);
 
-/* Padding of a window in texels: the kernel, and how far a receiver may be moved. */
-int csm_window_padding(const csm_settings *settings);
+/* Padding of a window in texels: the kernel, and how far a receiver may be moved where a length may
+ * be stretch times longer in light space. */
+int csm_window_padding(const csm_settings *settings, double stretch);
 
-/* depth_range.c: light-view depth of z = 0 and the span to z = 1 [m]. sides: of the window in light
- * x, y, from its lower corner [m]. */
-void csm_choose_depth_range(const csm_cascades_desc *desc, const double light_from_world[16],
+/* snap.c: under snap = approximate the least level for the half extents of window i, or the held
+ * one. */
+csm_status csm_snap_sizes(const csm_cascades_desc *desc, csm_cascades *out, int i, int padding,
+                          csm_window *window, csm_error *err);
+
+/* depth_range.c: light-view depth of z = 0 and the span to z = 1 [m] of cascade i. sides: of the
+ * window in light x, y, from its lower corner [m]. */
+void csm_choose_depth_range(const csm_cascades_desc *desc, csm_cascades *out, int i,
                             const csm_slab *slice, const double corner[2], const double sides[2],
                             double *out_near, double *out_span);
 

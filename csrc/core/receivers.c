@@ -162,7 +162,8 @@ csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int
         extent[axis] = slab->centre[axis] - slab->half[axis];
         extent[axis + 3] = slab->centre[axis] + slab->half[axis];
     }
-    const double rounding = box_rounding(desc->scene_bounds ? desc->scene_bounds : extent);
+    const double rounding =
+        out->stretch * box_rounding(desc->scene_bounds ? desc->scene_bounds : extent);
     const double least = 0.5 * settings->map_size[i] * rounding;
     for (int axis = 0; axis < 2; axis++) {
         const bool empty = seen.low[axis] > seen.high[axis];

@@ -125,8 +125,8 @@ void csm_splits_resolution(const csm_cascades_desc *desc, double range_near, con
                .range_near = range_near,
                .share = *share,
                .half_diagonal = hypot(camera->half_width, camera->half_height)};
-    const int spent = (settings->effects[CSM_EFFECT_SNAP] == CSM_SNAP_EXACT ? 1 : 0) +
-                      2 * csm_window_padding(settings);
+    const int spent = (settings->effects[CSM_EFFECT_SNAP] == CSM_SNAP_NONE ? 0 : 1) +
+                      2 * csm_window_padding(settings, 1.0);
     double most_texels = 1.0;
     for (int i = 0; i < share->count; i++) {
         m.texels[i] = fmax(settings->map_size[share->first + i] - spent, 1.0);

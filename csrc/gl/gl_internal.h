@@ -155,7 +155,7 @@ typedef struct csm_draw_list {
  * ----------------------------------------------- */
 
 typedef struct csm_frame_uniforms {
-    float light_from_origin[3][4]; /* rows of the rotation; w unused */
+    float light_from_origin[3][4]; /* rows; w unused */
     float eye_high[4], eye_low[4]; /* the eye relative to the origin, in two floats a coordinate */
     float right[4], up[4], backward[4]; /* right w: 1 for an orthographic camera */
     float to_light[4];

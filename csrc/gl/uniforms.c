@@ -51,7 +51,7 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
     const double *light = cascades->light_from_world[i];
     const double *clip = cascades->clip_from_light[i];
     const double *texel = cascades->texel_size[i];
-    bool snapped = frame->settings.effects[CSM_EFFECT_SNAP] == CSM_SNAP_EXACT;
+    bool snapped = frame->settings.effects[CSM_EFFECT_SNAP] != CSM_SNAP_NONE;
     double span = cascades->depth_range[i][1] - cascades->depth_range[i][0];
     double half_side = 0.5 * cascades->map_size[i];
     double largest = texel[0] > texel[1] ? texel[0] : texel[1];
@@ -113,12 +113,16 @@ void csm_frame_write_cascades(csm_frame *frame) {
     csm_frame_uniforms *uniforms = &frame->uniforms;
     csm_bias bias = csm_settings_bias(&frame->settings);
     to_floats((const double[4]){bias.slope_texels, bias.normal_offset_texels,
-                                csm_settings_kernel_radius(&frame->settings), bias.roundings},
+                                csm_settings_kernel_radius(&frame->settings),
+                                bias.roundings * cascades->stretch},
               4, uniforms->bias);
+    double normals[3][3];
+    csm_light_normals(cascades, 0, normals);
     for (int row = 0; row < 3; row++) {
         for (int column = 0; column < 3; column++) {
             uniforms->light_from_origin[row][column] =
                 (float)cascades->light_from_world[0][4 * column + row];
+            uniforms->normal_from_origin[row][column] = (float)normals[row][column];
         }
     }
     for (int i = 0; i < cascades->count; i++) {

@@ -371,6 +371,47 @@ static PyObject *make_warp(PyObject *module, PyObject *args, PyObject *kwargs) {
                          "clip_from_local", new_matrix(warp.clip_from_local));
 }
 
+PyDoc_STRVAR(snap_level_doc,
+             "snap_level(ratio, spacing, count, hysteresis=0, held=None)\n--\n\n"
+             "(size, level): the least level of approximate snapping of at least ratio, both as "
+             "shares of the base window, or the held level.");
+
+static PyObject *snap_level(PyObject *module, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"ratio", "spacing", "count", "hysteresis", "held", NULL};
+    double ratio;
+    int spacing, count, hysteresis = 0, held_level, level;
+    PyObject *held = Py_None;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "dii|iO:snap_level", names, &ratio, &spacing,
+                                     &count, &hysteresis, &held) ||
+        parse_step(held, &held_level) < 0) {
+        return NULL;
+    }
+    const double size = csm_snap_level(ratio, spacing, count, hysteresis, held_level, &level);
+    if (!isfinite(size)) {
+        csm_error err = {0};
+        csm_fail(&err, CSM_ERROR_INVALID_ARGUMENT, "ratio must be > 0 and finite (got %g)", ratio);
+        return csm_py_raise(module, &err);
+    }
+    return Py_BuildValue("di", size, level);
+}
+
+PyDoc_STRVAR(sun_step_doc, "sun_step(to_light, step_deg)\n--\n\n"
+                           "(3,) unit vector: the nearest direction of an even lattice.");
+
+static PyObject *sun_step(PyObject *module, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"to_light", "step_deg", NULL};
+    PyObject *object;
+    double to_light[3], step_deg;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "Od:sun_step", names, &object, &step_deg) ||
+        csm_py_vector(object, "to_light", 3, to_light) < 0) {
+        return NULL;
+    }
+    (void)module;
+    csm_sun_step(step_deg, to_light);
+    const npy_intp shape[1] = {3};
+    return new_array(1, shape, NPY_DOUBLE, to_light);
+}
+
 /* The bytes that csm_py_new_cascades gave out. */
 static int parse_hold(PyObject *held, csm_hold *out) {
     char *bytes;
@@ -570,9 +611,22 @@ static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) 
     { #name, (PyCFunction)(void (*)(void))name, METH_VARARGS | METH_KEYWORDS, name##_doc }
 
 PyMethodDef csm_py_core_methods[] = {
-    METHOD(split_distances), METHOD(range_round_up),       METHOD(light_basis),
-    METHOD(camera_matrices), METHOD(frustum_corners),      METHOD(frustum_planes),
-    METHOD(fit_sphere),      METHOD(fit_shifted),          METHOD(fit_spheres),
-    METHOD(fit_diameter),    METHOD(frustum_depth_of_box), METHOD(snap_window),
-    METHOD(make_warp), METHOD(fit_cascades),    METHOD(cull_boxes),           {NULL, NULL, 0, NULL},
+    METHOD(split_distances),
+    METHOD(range_round_up),
+    METHOD(light_basis),
+    METHOD(camera_matrices),
+    METHOD(frustum_corners),
+    METHOD(frustum_planes),
+    METHOD(fit_sphere),
+    METHOD(fit_shifted),
+    METHOD(fit_spheres),
+    METHOD(fit_diameter),
+    METHOD(frustum_depth_of_box),
+    METHOD(snap_window),
+    METHOD(snap_level),
+    METHOD(sun_step),
+    METHOD(make_warp),
+    METHOD(fit_cascades),
+    METHOD(cull_boxes),
+    {NULL, NULL, 0, NULL},
 };

@@ -3,12 +3,12 @@
 // Functions read the copy, which lives in registers: on software GL every read of a uniform block costs about as much
 // as ten multiplications, and passes that answer for several pixels read it once for all.
 //
-// Spaces: "origin" is the world relative to the fixed origin of the scene; light space is a rotation of it.
+// Spaces: "origin" is the world relative to the fixed origin of the scene; light space is a rotation of it, or a skew.
 // A cascade's texel coordinates are light x, y in texels from the window's lower left corner.
 
 struct frame_values
 {
-    vec4 light_from_origin[3];      // rows of the rotation; w unused
+    vec4 light_from_origin[3];      // rows; w unused
     vec4 eye_high, eye_low;         // the eye relative to the origin, in two floats a coordinate
     vec4 right, up, backward;       // of the camera; right w: 1 if it is orthographic
     vec4 to_light;

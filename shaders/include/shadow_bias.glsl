@@ -10,11 +10,23 @@ const float max_slope_tangent = 1e3;
 const float rounding_of_depth = 1.0 / 4194304.0;    // 2^-22
 const float rounding_of_position = 1.0 / 8388608.0; // 2^-23
 
+// A normal along the axes of light space. The inverse transpose: what is orthogonal in the world need not be so
+// under a skew.
+vec3 light_normal(vec3 normal)
+{
+#if CSM_SKEWED
+    return vec3(dot(frame.normal_from_origin[0].xyz, normal), dot(frame.normal_from_origin[1].xyz, normal),
+                dot(frame.normal_from_origin[2].xyz, normal));
+#else
+    return light_position(normal);
+#endif
+}
+
 // Gradient of light-view depth over light x, y [m/m] on the receiver's plane.
 vec2 depth_gradient(receiver point)
 {
     // an unknown plane is taken as tilted 45 degrees to the light, diagonal to the map
-    vec3 normal_ls = plane_known(point) ? light_position(point.normal) : vec3(sqrt(0.5), sqrt(0.5), 1.0);
+    vec3 normal_ls = plane_known(point) ? light_normal(point.normal) : vec3(sqrt(0.5), sqrt(0.5), 1.0);
     return normal_ls.xy / max(normal_ls.z, 1.0 / max_slope_tangent);
 }
 
