@@ -57,12 +57,17 @@ class ShadowSettings:
     turned : bool
         Windows of ``fit="visible"`` turned to the rectangle of smallest area.
     light_basis : {"orthonormal", "world", "transported"}
-        Axes of light space: from the sun's direction alone, skewed along the world's axes, or
-        carried on from the frame before.
+        Axes of light space: from the sun's direction alone; skewed along the world's axes, so that
+        the grid on the ground does not move with the sun [theomader] [Stone], orthonormal where
+        the sun is below 20.7 degrees; or carried on from the frame before. The listing of
+        [theomader] quantises by ``1 / W`` instead of W over the texels, adds the width to the
+        upper end and anchors the grid at the moving light (docs/numerics.md 18).
     sun_step_deg : float
         The maps' sun moves in steps of this [degrees], 0 to 90; 0: with the sun.
     snap : {"exact", "none", "approximate"}
-        ``"exact"`` puts windows on a texel lattice fixed in the world.
+        ``"exact"`` puts windows on a texel lattice fixed in the world. ``"approximate"`` does so
+        with few window sizes, for windows that change with the view [Zhang2009]; its listing 4.1.2
+        rounds offsets up without a margin and loses up to a texel (docs/numerics.md 19).
     level_spacing : {"linear", "geometric"}
         How the window sizes of ``snap="approximate"`` are spaced.
     level_count : int
@@ -79,11 +84,13 @@ class ShadowSettings:
     cull : {"inclusive", "none", "exclusive"}
         Draw only casters that can reach what the camera sees. Changes no mask.
     depth_range : {"scene", "window", "manual"}
-        Near and far of the maps: of the whole scene, of its part over the window, or given.
+        Near and far of the maps, modes of [MSDN]: of the scene's box; of its part within the light
+        frustum; or given, where casters outside are lost and receivers outside are in no map.
     manual_depth_range : tuple of float
         Light-view depths [m] of clip z 0 and 1 under ``depth_range="manual"``.
     pancake : bool
-        Depth range of the slice alone; casters before it are flattened onto its near plane.
+        Depth range of the slice alone; casters before it are flattened onto its near plane
+        (pancaking, the fourth mode of [MSDN]).
     depth_format : {"d32f", "d24", "d16"}
     filter : {"hard", "none", "pcf"}
         One nearest compare; no shadow maps at all; percentage-closer filtering [Reeves1987]_.
