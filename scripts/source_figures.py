@@ -176,25 +176,39 @@ def boxes_of(scene):
     return np.array(rows)
 
 
-def casters_saved(scene, boxes, cull):
+def casters_saved(scene, boxes, *, exclusive):
     """For each camera and sun: share of the casters in the windows that culling leaves out."""
-    saved = []
-    settings = csm.ShadowSettings(cull=cull)
+    saved, settings = [], csm.ShadowSettings()
+    culled = {"border_texels": 0.0} if exclusive else {}
     for camera, sun in itertools.product(scene.cameras.values(), scene.suns.values()):
         drawn, held = (
             sum(
                 len(
                     _core.cull_boxes(
-                        camera, sun.to_light, settings, scene.bounds.ravel(), boxes, i,
-                        whole_window=whole,
+                        camera, sun.to_light, settings, scene.bounds.ravel(), boxes, i, **options
                     )
                 )
                 for i in range(settings.cascade_count)
             )
-            for whole in (False, True)
-        )  # fmt: skip
+            for options in (culled, {"whole_window": True})
+        )
         saved.append(1 - drawn / held)
     return saved
+
+
+def row_culling():
+    found = []
+    for name, objects in (("forest", "1501"), ("demo", "4001")):
+        scene = csm.scenes.SCENES[name]()
+        boxes = boxes_of(scene)
+        shares = [casters_saved(scene, boxes, exclusive=each) for each in (False, True)]
+        inclusive, both = (span(each, "{:.0%}") for each in shares)
+        found.append(f"`{name}`, {objects} objects: {inclusive}, {both} with exclusive culling")
+    return (
+        "[Stone]", "30 to 75 % fewer objects", "; ".join(found),
+        "casters that the windows hold and culling leaves out, every camera and sun of two made "
+        "scenes, four spheres",
+    )  # fmt: skip
 
 
 # -- float32 ---------------------------------------------------------------------------------------
@@ -267,6 +281,7 @@ QUICK = [
     row_utilisation,
     row_sphere_over_box,
     row_map_selection,
+    row_culling,
     row_look_at,
     row_world_matrix,
 ]
