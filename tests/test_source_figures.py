@@ -14,10 +14,10 @@ TEXT = source_figures.PAGE.read_text(encoding="utf-8")
 def test_the_page_has_the_table_once():
     assert TEXT.count(source_figures.BEGIN) == TEXT.count(source_figures.END) == 1
     lines = TEXT.split(source_figures.BEGIN)[1].split(source_figures.END)[0].splitlines()
-    assert len(lines) == 2 + len(source_figures.QUICK) + len(source_figures.SLOW)
+    assert len(lines) == 2 + len(source_figures.ROWS)
 
 
-@pytest.mark.parametrize("row", source_figures.QUICK, ids=lambda row: row.__name__)
+@pytest.mark.parametrize("row", source_figures.ROWS, ids=lambda row: row.__name__)
 def test_a_figure_of_the_page_is_what_the_script_finds(row):
     assert source_figures.line(row) in TEXT, "python -m scripts.source_figures"
 
