@@ -42,7 +42,12 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     return inside && abs(z - 0.5) <= 0.5;
 }
 
-// Change of depth from texel to texel on a plane: as it is, and as a bias counts it.
+// Change of depth from texel to texel: at one distance from the light, on a plane, and as a bias counts it.
+vec2 level_slope(candidate chosen)
+{
+    return vec2(0.0);
+}
+
 vec2 plane_slope(candidate chosen, vec2 gradient)
 {
     return gradient * chosen.slope.xy;
@@ -91,9 +96,9 @@ map_receiver select_cascade(receiver point)
     at.fraction = chosen.texels - whole;
     at.z = chosen.z - depth_bias(point, bias_slope(chosen, gradient), chosen.constant_bias, chosen.scale);
 #if CSM_RECEIVER_PLANE
-    at.slope = plane_known(point) ? plane_slope(chosen, gradient) : vec2(0.0);
+    at.slope = plane_known(point) ? plane_slope(chosen, gradient) : level_slope(chosen);
 #else
-    at.slope = vec2(0.0);
+    at.slope = level_slope(chosen);
 #endif
     return at;
 }

@@ -12,7 +12,7 @@ struct candidate
     float z;
     vec4 centre;
     vec4 slope;    // depth per texel in u, then in v, at a gradient of 1 in light x, y
-    float tilt;    // depth per texel in v at no gradient
+    float tilt;    // depth per texel in v at one distance from the light
     float constant_bias;
     float scale;   // depth per metre
     float largest; // by hand, biases take the larger side of the texel: its depth, else 0
@@ -69,8 +69,10 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.tilt = -here.z * growth / at.along * step;
     here.scale = scale / at.w;
     here.constant_bias = frame.depth[cascade].z + warp.across[cascade].w * largest * here.scale;
-    // corners of casters are snapped to 1/256 texel or better, which a tilted depth feels
-    here.constant_bias += frame.bias.w * abs(here.tilt) / 128.0;
+    // a tilted depth feels that corners of casters are snapped, to 1/256 texel or better; where four texels are
+    // compared with one depth it differs from texel to texel
+    float tilted = CSM_RECEIVER_PLANE == 1 ? 1.0 / 128.0 : 1.0 + 1.0 / 128.0;
+    here.constant_bias += frame.bias.w * abs(here.tilt) * tilted;
     here.largest = frame.slope[cascade].w > 0.0 ? largest * here.scale : 0.0;
     vec2 away = abs(here.texels - here.centre.xy);
 #if CSM_SELECT == CSM_SELECT_FRUSTUM
@@ -81,14 +83,23 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     return inside && in_range;
 }
 
-vec2 plane_slope(candidate chosen, vec2 gradient)
+vec2 level_slope(candidate chosen)
 {
-    return vec2(dot(chosen.slope.xy, gradient), dot(chosen.slope.zw, gradient) + chosen.tilt);
+    return vec2(0.0, chosen.tilt);
 }
 
-// What a bias counts: the tilt is the map's own and known everywhere.
+vec2 own_slope(candidate chosen, vec2 gradient)
+{
+    return vec2(dot(chosen.slope.xy, gradient), dot(chosen.slope.zw, gradient));
+}
+
+vec2 plane_slope(candidate chosen, vec2 gradient)
+{
+    return own_slope(chosen, gradient) + level_slope(chosen);
+}
+
+// The tilt is the map's own and known everywhere: no bias counts it.
 vec2 bias_slope(candidate chosen, vec2 gradient)
 {
-    vec2 own = vec2(dot(chosen.slope.xy, gradient), dot(chosen.slope.zw, gradient));
-    return chosen.largest > 0.0 ? gradient * chosen.largest : own;
+    return chosen.largest > 0.0 ? gradient * chosen.largest : own_slope(chosen, gradient);
 }
