@@ -75,7 +75,10 @@ class ShadowSettings:
     level_hysteresis : int
         Levels by which a held size may be too large, 0 to 16.
     warp : {"none", "lispsm", "psm", "tsm"}
-        Perspective warp of the light windows.
+        Perspective warp of the light windows: light space perspective [Wimmer2004]_, perspective
+        [Stamminger2002]_ or trapezoidal [Martin2004]_ shadow maps, for each cascade. Nothing is
+        snapped under a warp, and depths are post-projective. It bounds the worst texel of a
+        slice, so a near plane far before the nearest surface wastes most of a map.
     select : {"map", "interval", "frustum"}
         The first map that holds the point with its kernel, the cascade whose view depths hold it,
         or the first light frustum that holds the point itself.
@@ -122,6 +125,12 @@ class ShadowSettings:
     .. [Stone] Stone: Cascaded perspective variance shadow mapping. Web article.
     .. [Lauritzen2011] Lauritzen, Salvi, Lefohn: Sample distribution shadow maps. I3D 2011.
        doi:10.1145/1944745.1944761
+    .. [Wimmer2004] Wimmer, Scherzer, Purgathofer: Light space perspective shadow maps. Eurographics
+       Symposium on Rendering 2004.
+    .. [Stamminger2002] Stamminger, Drettakis: Perspective shadow maps. SIGGRAPH 2002.
+       doi:10.1145/566654.566616
+    .. [Martin2004] Martin, Tan: Anti-aliasing and continuity with trapezoidal shadow maps.
+       Eurographics Symposium on Rendering 2004.
     .. [Reeves1987] Reeves, Salesin, Cook: Rendering antialiased shadows with depth maps.
        SIGGRAPH 1987. doi:10.1145/37402.37435
 

@@ -393,3 +393,29 @@ def test_fitted_cascades_are_the_warps_of_their_slices(warp, fit):
         np.testing.assert_allclose(-row[2], 1 / np.diff(cascades.depth_range[i])[0], rtol=1e-12)
         np.testing.assert_allclose(row[3] / row[2], cascades.depth_range[i][0], rtol=1e-9)
         assert (cascades.lattice[i] == 0).all()
+
+
+@pytest.mark.parametrize("warp", WARPS)
+def test_l1_a_clipped_slice_is_held(figure, warp):
+    # The warp then holds less than the slice too: its points inside the scene's bounds.
+    scene = small_scenes.soup()
+    rng = np.random.default_rng(11)
+    outside = 0.0
+    for number, name in enumerate(small_scenes.SUNS):
+        camera, sun = small_scenes.camera(number), csm.Sun(small_scenes.SUNS[name])
+        camera = camera.replace(centre_x=0.15, centre_y=-0.1)
+        settings = csm.ShadowSettings(warp=warp, fit="clipped", cascade_count=3)
+        cascades = csm.fit_cascades(camera, sun, settings, scene=scene)
+        points = rng.uniform(*scene.bounds, size=(20000, 3))
+        view = (points - camera.eye) @ np.stack([camera.right, camera.up, -camera.backward], 1)
+        x = (view[:, 0] / view[:, 2] - camera.centre_x) / camera.half_width
+        y = (view[:, 1] / view[:, 2] - camera.centre_y) / camera.half_height
+        seen = (np.abs(x) <= 1) & (np.abs(y) <= 1) & (view[:, 2] >= camera.near)
+        assert seen.sum() > 500
+        for i in range(3):
+            near, far = cascades.splits[i : i + 2]
+            own = points[seen & (view[:, 2] >= near) & (view[:, 2] <= far)]
+            if len(own):
+                clip = spaces.transform_points(cascades.clip_from_world[i], own)
+                outside = max(outside, np.abs(clip[:, :2]).max() - 1.0)
+    figure("L1", "clipped slices outside the cube", outside, 1e-9, "of the half width")
