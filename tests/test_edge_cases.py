@@ -12,6 +12,7 @@ import csm
 from csm import _core, shapes
 
 TABLE = {row["name"]: row["choices"].split() for row in _core.effect_table()}
+# The fit to visible receivers takes its points from the view pass: its own tests give it some.
 FITS = [fit for fit in TABLE["fit"] if fit != "visible"]
 OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "normal", "shadow_maps")
 SUN = csm.Sun((0.6, 0.8, 0.0))

@@ -147,6 +147,14 @@ def test_printed_offsets_lose_up_to_a_texel():
         overhang = max(high * scale + offset - 1, -1 - (low * scale + offset)) * SIZE / 2
         worst = max(worst, overhang)
     assert 0.7 < worst <= 1.0
+    # Ours, where sizes come in levels too: the slice lies inside.
+    settings = SETTINGS.replace(snap="approximate", fit="box")
+    scene = scene_of([[-500] * 3, [500] * 3])
+    for camera in a_walk(steps=100):
+        cascades = csm.fit_cascades(camera, SUN, settings, scene=scene)
+        for i in range(2):
+            corners = oracles.camera_corners(camera, *cascades.splits[i : i + 2])
+            assert np.abs(clip_points(cascades, i, corners)[:, :2]).max() <= 1.0 + 1e-12
 
 
 def test_printed_levels_end_at_a_64th():
@@ -335,6 +343,8 @@ def test_the_printed_grid_hangs_on_the_light():
     # A direction has no place: csm's axes and lattice are those of the world's origin.
     cascades = csm.fit_cascades(next(a_walk(1)), SUN, SETTINGS)
     assert np.array_equal(cascades.light_from_world[0][:3, 3], [0, 0, 0])
+    skewed = csm.fit_cascades(next(a_walk(1)), SUN, SETTINGS.replace(light_basis="world"))
+    assert np.array_equal(skewed.light_from_world[0][:3, 3], [0, 0, 0])
 
 
 def test_splits_through_clip_space_lose_their_digits_in_float32():
