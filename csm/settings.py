@@ -53,7 +53,16 @@ class ShadowSettings:
         ``"scene"`` cuts far to the scene's bounds, rounded up to ``near * 2**(k / 4)`` so that
         texel sizes stay constant while the camera moves, but not below distances set by hand.
     fit : {"sphere", "box", "diameter", "scene", "shifted", "visible", "clipped", "focus"}
-        How a light window is fitted to its slice of the view.
+        How a light window is fitted to its slice of the view. Rigid sizes: the slice's smallest
+        ``"sphere"`` [Valient2008]_; a square of its ``"diameter"``; ``"shifted"``, the sphere moved
+        along the view as far as no gap opens [Sylvan]_: possible only where
+        ``k**2 > (far - near) / (far + near)`` of the slice, a condition that the source does not
+        state, k being the slope of a corner ray; for slices that maps share, so with
+        ``select="interval"`` or a warp it is ``"sphere"``, as it is for orthographic cameras.
+        Sizes that change with the view: ``"box"``, the slice's light-space box; ``"scene"``, that
+        of all from near to the slice's end [MSDN]_; ``"clipped"``, that of the slice cut to the
+        scene's bounds [Stone]_; ``"focus"``, that again cut to the parts of the scene in it;
+        ``"visible"``, round what is seen. docs/numerics.md 4, 5, 20 and 22.
     turned : bool
         Windows of ``fit="visible"`` turned to the rectangle of smallest area.
     light_basis : {"orthonormal", "world", "transported"}
@@ -131,6 +140,8 @@ class ShadowSettings:
        doi:10.1145/566654.566616
     .. [Martin2004] Martin, Tan: Anti-aliasing and continuity with trapezoidal shadow maps.
        Eurographics Symposium on Rendering 2004.
+    .. [Valient2008] Valient: Stable rendering of cascaded shadow maps. ShaderX6, 2008.
+    .. [Sylvan] Sylvan: Improving shadow map utilization for cascaded shadow maps. Web article.
     .. [Reeves1987] Reeves, Salesin, Cook: Rendering antialiased shadows with depth maps.
        SIGGRAPH 1987. doi:10.1145/37402.37435
 

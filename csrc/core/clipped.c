@@ -87,7 +87,8 @@ void csm_fit_clipped(const csm_cascades_desc *desc, csm_cascades *out, int i, cs
     box_widen(desc->scene_bounds, rounding, bounds);
     rectangle held = round_slice(&desc->camera, basis, near_depth, far_depth, bounds);
     if (desc->settings->effects[CSM_EFFECT_FIT] == CSM_FIT_FOCUS && desc->boxes) {
-        held = round_parts(desc, basis, near_depth, far_depth, rounding, &held);
+        const rectangle parts = round_parts(desc, basis, near_depth, far_depth, rounding, &held);
+        held = parts.low[0] <= parts.high[0] ? parts : held;
     }
     if (held.low[0] > held.high[0]) {
         return; /* nothing is there: the slice's own window will do */
