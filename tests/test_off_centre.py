@@ -7,7 +7,7 @@ import numpy as np
 import oracles
 import pytest
 import small_scenes
-from views import assert_finite, misses, turned, uncovered
+from views import assert_finite, misses, scene_of, turned, uncovered
 
 import csm
 
@@ -170,3 +170,27 @@ def test_an_off_centre_camera_is_a_value_of_its_own():
         csm.Camera.look_at((0, 1, 2), (0, 0, 0), centre=0.3)
     with pytest.raises(ValueError, match="centre_x must be a number"):
         camera.replace(centre_x=np.inf)
+
+
+@pytest.mark.parametrize("fit", ["shifted", "clipped", "focus"])
+@pytest.mark.parametrize("fov", [0.1, 179.0])
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (0.7, -2.0)], ids=["centred", "off-centre"])
+def test_w1_extreme_cameras_of_the_shared_fits(figure, fit, fov, centre):
+    rng = np.random.default_rng(43)
+    bare = 0
+    for teleport in (0.0, 1e6):
+        eye = np.array([1.0, 2.0, 3.0]) + teleport
+        camera = csm.Camera.look_at(
+            eye, eye - [0, 1, 0], up=(1, 0, 1), fov_y_deg=fov, near=1e-4, far=1e6, size=(16, 9)
+        )
+        camera = camera.replace(
+            centre_x=centre[0] * camera.half_width, centre_y=centre[1] * camera.half_height
+        )
+        for to_light in ((0, 1, 0), (0.3, -1e-9, 0.5), (1, 1, 1)):
+            for scene in (None, scene_of(np.array([[-50.0, 0, -50], [50, 10, 50]]) + teleport)):
+                cascades = csm.fit_cascades(
+                    camera, csm.Sun(to_light), csm.ShadowSettings(fit=fit), scene=scene
+                )
+                assert_finite(cascades)
+                bare += uncovered(camera, cascades, 0, rng, scene=scene, samples=100)
+    figure("W1", f"{fit}: points in no map", bare, 0, "points")
