@@ -94,7 +94,8 @@ class ShadowSettings:
     texcoord : {"position", "interpolated"}
         Light coordinates from the receiver's position, or interpolated from its vertices.
     cull : {"inclusive", "none", "exclusive"}
-        Draw only casters that can reach what the camera sees. Changes no mask.
+        Draw only casters that can reach what the camera sees; ``"exclusive"`` leaves out also what
+        lies wholly under a finer map's window [Stone]_. Changes no mask.
     depth_range : {"scene", "window", "manual"}
         Near and far of the maps, modes of [MSDN]: of the scene's box; of its part within the light
         frustum; or given, where casters outside are lost and receivers outside are in no map.

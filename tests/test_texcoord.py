@@ -55,8 +55,8 @@ def texels_to(frame, chosen):
 def test_t1_methods_agree_with_each_other_and_with_rays(figure, renderer, side, light):
     """Where two hard masks differ on a plane, a line between texels lies between the two light
     positions: its distance from the exact point is what the further one is off at least. On the
-    triangle of 1.6e4 the matrix's 0.05 texel is not met: 0.10 was reached, 0.6 mm at texels of 6
-    mm, where one step of a float32 of 1.6e4 is 1 mm; hence 0.2."""
+    triangle of 1.6e4 the matrix's 0.05 texel is not met: 0.10 was reached, 1.8 mm at
+    texels of 18 mm, where one step of a float32 of 1.6e4 is 1 mm; hence 0.2."""
     scene, camera = bars_over_a_triangle(side)
     settings = POSITION.replace(warp=WARPS[light])
     by_position, interpolated = (
