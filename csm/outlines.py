@@ -56,8 +56,9 @@ def visible_slice(cascades, cascade, select):
     cascades : Cascades
     cascade : int
     select : {"map", "frustum", "interval"}
-        ``"interval"``: those of the cascade's own slice; otherwise the whole range, as a map
-        answers for all that lies in it.
+        ``"interval"``: those of the cascade's own slice; otherwise all from there to the end of
+        the range, as a map answers for what it holds beyond its slice, and finer maps for what
+        lies before it.
 
     Returns
     -------
@@ -70,10 +71,8 @@ def visible_slice(cascades, cascade, select):
     """
     if select not in ("map", "frustum", "interval"):
         raise ValueError(f"select must be map, frustum or interval (got {select!r})")
-    splits = cascades.splits
-    if select == "interval":
-        return float(splits[cascade]), float(splits[cascade + 1])
-    return float(splits[0]), float(splits[-1])
+    last = cascade + 1 if select == "interval" else -1
+    return float(cascades.splits[cascade]), float(cascades.splits[last])
 
 
 def window_corners(cascades, cascade, depths=(0.0, 1.0)):

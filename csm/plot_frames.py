@@ -45,7 +45,7 @@ def resolution(frame, truth, *, ax=None):
     bar.ax.minorticks_off()
     judged = np.isfinite(m)
     coarse = float((m[judged] > 1.0).mean()) if judged.any() else float("nan")
-    heading(ax, f"texels in the picture: {coarse:.0%} of sun-facing pixels have larger texels")
+    heading(ax, f"texels larger than pixels at {coarse:.0%} of what faces the sun")
     return _as_picture(ax)
 
 

@@ -160,8 +160,8 @@ def light_view(cascades, camera, cascade=0, *, shadow_map=None, select="map", ax
     shadow_map : (size, size) array_like, optional
         Depths to draw behind, ``frame.shadow_maps[cascade]``; near the light is bright.
     select : {"map", "frustum", "interval"}
-        What can look the map up: every point of the view range that it holds, or those of its own
-        slice alone [Sylvan]_.
+        What can look the map up: points of its own slice alone, or all that it holds from there to
+        the end of the range [Sylvan]_. `csm.check_cascades` has the same share as numbers.
     ax : matplotlib Axes, optional
 
     Returns

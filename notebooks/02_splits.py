@@ -112,6 +112,43 @@ for name, settings in schemes.items():
     print(f"{name:20} {disagreement(scene, camera, sun, settings, truth):7.2%} wrong")
 
 # %% [markdown]
+# ## What else may choose the cuts
+#
+# - **A hand-set first range** [Stone]: what is near is served whatever comes after.
+# - **Percentages** of the range, as engines have them in their settings [MSDN].
+# - **Equal resolution with unequal maps** [Stone]: choose the cuts so that the teeth of the saw are
+#   equally high although the maps are not equally large. With equal maps this *is* the logarithmic
+#   scheme.
+# - **What is seen** [Lauritzen2011]: begin at the nearest visible surface and end at the farthest;
+#   or cut so that every cascade serves as many pixels (`histogram`). The ends move in steps and are
+#   held, so that they do not flicker.
+
+# %%
+seen = truth.position[truth.valid & truth.facing]
+others = {
+    "practical, λ = 0.5": base,
+    "first range 4 m": base.replace(first_split=4.0),
+    "5, 15, 60 %": base.replace(split="percentages", manual_splits=(5, 15, 60)),
+    "equal resolution": base.replace(split="resolution", map_size=(2048, 1024, 1024, 512)),
+    "what is seen, λ = 1": base.replace(split="sdsm", lam=1.0),
+    "quarters of pixels": base.replace(split="histogram"),
+}
+chosen = {
+    name: csm.fit_cascades(camera, sun, settings, scene=scene, receivers=seen)
+    for name, settings in others.items()
+}
+fig, (bars, saw) = plt.subplots(
+    2, 1, figsize=(7.5, 7.5), layout="constrained", sharex=True, height_ratios=(2, 3)
+)
+plot.splits(chosen, ax=bars)
+plot.texels_per_pixel(chosen, camera, ax=saw)
+
+# %% [markdown]
+# Nothing is seen before 15 m here, so the two schemes that look at the picture start there: their
+# texels are finer *where there are pixels*. Maps of 2048, 1024, 1024 and 512 texels cut for equal
+# resolution have four equal teeth.
+
+# %% [markdown]
 # ## Where λ = 0.5 fails
 #
 # From the driver's seat of a straight road the asphalt begins two metres away and the range is

@@ -44,6 +44,24 @@ def splits():
     return figure
 
 
+def utilisation():
+    """A map's use under selection by interval and by map, and after Sylvan's shift."""
+    camera = csm.Camera.look_at((0, 2, 0), (0, 2, -1), near=2, far=60, size=(1280, 720))
+    settings = csm.ShadowSettings(
+        cascade_count=2, split="manual", manual_splits=(6.0,), view_range="camera", map_size=256
+    )
+    figure, axes = plt.subplots(1, 3, figsize=(12.0, 4.4), layout="constrained", sharey=True)
+    for ax, fit, select in zip(
+        axes, ("sphere", "sphere", "shifted"), ("interval", "map", "frustum"), strict=True
+    ):
+        chosen = settings.replace(fit=fit, select=select)
+        cascades = csm.fit_cascades(camera, csm.Sun((0, 1, 0)), chosen)
+        plot.light_view(cascades, camera, select=select, ax=ax)
+        used = ax.get_title(loc="left").partition(": ")[2]
+        ax.set_title(f'fit="{fit}", select="{select}"\n{used}', loc="left", fontsize="medium")
+    return figure
+
+
 def stairs_frame(renderer, map_size):
     """A flight of stairs in three small maps."""
     camera = csm.Camera.look_at(
@@ -69,7 +87,7 @@ def cubes():
         return plot.texel_cubes(stairs_frame(renderer, 96), renderer=renderer).figure
 
 
-PICTURES = {"splits": splits, "texels": texels, "cubes": cubes}
+PICTURES = {"splits": splits, "utilisation": utilisation, "texels": texels, "cubes": cubes}
 
 
 def save(figure, path):

@@ -38,7 +38,7 @@ def outcome(tmp_path_factory):
 
 
 def test_there_are_notebooks():
-    assert {path.name for path in NOTEBOOKS} >= {"02_splits.py"}
+    assert {path.name for path in NOTEBOOKS} >= {"02_splits.py", "03_fit_and_snap.py"}
     assert not list(FOLDER.glob("*.ipynb")), "scripts in the percent format alone: no outputs"
 
 
@@ -86,6 +86,35 @@ def test_splits_notebook_shows_what_it_says(outcome):
     wrong = dict(zip(variables["lams"], variables["wrong"], strict=True))
     assert wrong[0.5] > 10 * wrong[1.0]
     assert wrong[0.9] > 3 * wrong[1.0]
+
+
+def test_fit_notebook_shows_what_it_says(outcome):
+    variables, _ = outcome("03_fit_and_snap.py")
+    shown = [text.get_text() for text in variables["phases"].texts]
+    matches = [re.fullmatch(r"(.*)\n(\d+)% of steps jump", text) for text in shown]
+    shares = {match[1]: int(match[2]) for match in matches}
+    assert shares["no snapping"] == 100
+    # Two coordinates that round to odd or even halves: 3/4 if frames were independent.
+    assert 55 <= shares["4.1.1 as printed"] <= 90
+    assert shares["unit corrected"] == shares['snap="exact"'] == 0
+    # Sylvan: from a sixth to five sixths, with a sphere of the same size.
+    titles = [ax.get_title(loc="left") for ax in variables["used"]]
+    used = [int(re.search(r"(\d+)% of", title)[1]) for title in titles]
+    assert used[0] <= 18
+    assert 63 <= used[1] <= 69
+    assert 82 <= used[2] <= 88
+    assert np.allclose(variables["shifted"].texel_size[0], variables["sphere"].texel_size[0])
+    counts = [
+        int(re.search(r"(\d+) size", line.get_label())[1]) for line in variables["sizes"].lines
+    ]
+    assert counts[0] == 200
+    assert 1 < counts[2] <= counts[1] < 70
+    assert counts[3] == 1
+    # One grid on the ground under two suns, with the world's axes alone.
+    lines = [{tuple(np.round(line[:, axis], 6)) for line in ax.collections[0].get_segments()
+              for axis in (0, 1) if np.ptp(line[:, axis]) < 1e-9}
+             for ax in variables["axes_of_suns"][1]]  # fmt: skip
+    assert len(lines[0] & lines[1]) > 20
 
 
 def test_page_of_pictures_shows_what_its_script_draws():
