@@ -383,10 +383,12 @@ def test_sizes_along_a_path_are_counted(cascades):
 # -- frames ----------------------------------------------------------------------------------------
 
 
+@pytest.mark.parametrize("centre", [(0.0, 0.0), (0.15, -0.1)], ids=["centred", "off centre"])
 @pytest.mark.parametrize("orthographic", [False, True])
-def test_points_of_pixels_are_those_of_rays(scene, orthographic):
+def test_points_of_pixels_are_those_of_rays(scene, orthographic, centre):
     pytest.importorskip("embreex", reason="surfaces come from csm.truth (extra: truth)")
     camera = scene.cameras["map"].replace(size=(60, 40)) if orthographic else CAMERA
+    camera = camera.replace(centre_x=centre[0], centre_y=centre[1])
     with csm.Renderer() as renderer:
         frame = renderer.render(
             scene, camera, SUN, SETTINGS.replace(filter="none"), outputs=("valid", "view_depth")
