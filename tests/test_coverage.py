@@ -113,3 +113,20 @@ def test_receivers_in_a_map_but_not_in_its_depth_are_a_matter_of_depth():
         check = csm.check_cascades(bad, CAMERA, receivers=points, select=select)
         assert kinds(check) == {"depth"}
         assert max(p.amount for p in check.problems) == pytest.approx(2.0)
+
+
+def test_receivers_on_a_split_belong_to_the_map_that_holds_them():
+    # Depths of points on a split come out a rounding before or behind it, in any engine.
+    good = csm.fit_cascades(CAMERA, SUN, BOX)
+    rng = np.random.default_rng(3)
+    x, y = rng.uniform(-1, 1, (2, 500)) * [[CAMERA.half_width], [CAMERA.half_height]]
+    axes = np.stack([CAMERA.right, CAMERA.up, -CAMERA.backward])
+    for split in good.splits[1:]:
+        points = CAMERA.eye + np.stack([x, y, np.ones(500)], 1) * split @ axes
+        behind = depths(points) > split
+        assert 0.1 < behind.mean() < 0.9
+        for select in ("interval", "map"):
+            assert csm.check_cascades(good, CAMERA, receivers=points, select=select).ok
+    farther = CAMERA.eye + np.stack([x, y, np.ones(500)], 1) * (good.splits[4] * (1 + 1e-9)) @ axes
+    wider = CAMERA.replace(far=CAMERA.far + 1)
+    assert kinds(csm.check_cascades(good, wider, receivers=farther)) == {"gap"}

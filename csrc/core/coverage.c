@@ -144,14 +144,30 @@ static void judge_column(view *v, int slice, const double p[3]) {
     keep_worst(&v->out[slice].caster, -clip[WINDOW_Z] / window->depth_slope, highest);
 }
 
+/* The slice that a view depth belongs to, count beyond the last split. */
+static int slice_of(const csm_coverage_desc *desc, double depth) {
+    int slice = 0;
+    while (slice < desc->count && depth > desc->splits[slice + 1]) {
+        slice++;
+    }
+    return slice;
+}
+
 static void judge_receiver(view *v, receiver_maps *maps, const double p[3]) {
     const int count = v->desc->count;
-    const double *splits = v->desc->splits;
+    const double *eye = v->desc->camera.eye;
     const double depth = depth_of(&v->desc->camera, p);
-    int slice = 0;
-    /* 2^-40: depths that went through a matrix and back. */
-    while (slice < count && depth > splits[slice + 1] + 0x1p-40 * fabs(splits[slice + 1])) {
-        slice++;
+    /* A depth on a split, but for its rounding, may be counted to either side. */
+    const double farthest = fmax(fabs(eye[0]), fmax(fabs(eye[1]), fabs(eye[2])));
+    const double slack = 0x1p-40 * fabs(depth) + 0x1p-49 * farthest;
+    const int behind = slice_of(v->desc, depth + slack);
+    int slice = slice_of(v->desc, depth - slack);
+    if (slice != behind &&
+        !inside_planes((const double(*)[4])v->planes[slice], WINDOW_PLANES, p, 0.0)) {
+        if (behind == count) {
+            return;
+        }
+        slice = behind;
     }
     const bool beyond = slice == count;
     slice = beyond ? count - 1 : slice;
