@@ -91,7 +91,7 @@ class _GridMove(TypedDict):
     texel_size: tuple[tuple[float, float], tuple[float, float]]
     texels: float
     depth: float
-    depth_quanta: tuple[float, float]
+    depth_quanta: tuple[float, float, float]
     rounding_texels: float
     rounding_depth: float
 

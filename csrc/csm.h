@@ -792,7 +792,7 @@ typedef struct csm_grid_move {
     double texel_size[2][2]; /* before and after, along x and y [m] */
     double texels;           /* farthest that a point moved from its place within a texel */
     double depth;            /* [m] largest change of a point's distance from the near end */
-    double depth_quanta[2];  /* the same from whole quanta of 16 and 24 bits */
+    double depth_quanta[3];  /* from whole quanta of 16, of 24 bits, of float32's upper half */
     double rounding_texels, rounding_depth; /* depth as a share of the range */
 } csm_grid_move;
 

@@ -164,10 +164,10 @@ static void judge_receiver(view *v, receiver_maps *maps, const double p[3]) {
     int slice = slice_of(v->desc, depth - slack);
     if (slice != behind &&
         !inside_planes((const double(*)[4])v->planes[slice], WINDOW_PLANES, p, 0.0)) {
-        if (behind == count) {
+        slice = slice_of(v->desc, depth);
+        if (slice == count) {
             return;
         }
-        slice = behind;
     }
     const bool beyond = slice == count;
     slice = beyond ? count - 1 : slice;

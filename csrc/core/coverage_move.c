@@ -23,6 +23,7 @@ csm_status csm_coverage_move(const csm_camera *camera, double near_depth, double
         }
     }
     memset(out, 0, sizeof *out);
+    static const double quanta[3] = {0x1p16 - 1.0, 0x1p24 - 1.0, 0x1p24};
     const double *matrices[2] = {before, after};
     const int sizes[2] = {size_before, size_after};
     light_window windows[2];
@@ -58,8 +59,9 @@ csm_status csm_coverage_move(const csm_camera *camera, double near_depth, double
         const double metres =
             clip[1][WINDOW_Z] / windows[1].depth_slope - clip[0][WINDOW_Z] / windows[0].depth_slope;
         out->depth = fmax(out->depth, fabs(metres));
-        out->depth_quanta[0] = fmax(out->depth_quanta[0], from_whole(65535.0 * depth));
-        out->depth_quanta[1] = fmax(out->depth_quanta[1], from_whole(16777215.0 * depth));
+        for (int k = 0; k < 3; k++) {
+            out->depth_quanta[k] = fmax(out->depth_quanta[k], from_whole(quanta[k] * depth));
+        }
     }
     return CSM_OK;
 }

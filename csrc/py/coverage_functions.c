@@ -182,11 +182,12 @@ static PyObject *coverage_move(PyObject *module, PyObject *args, PyObject *kwarg
                           &move, &err) != CSM_OK) {
         return csm_py_raise(module, &err);
     }
-    return Py_BuildValue(
-        "{s:((dd)(dd)),s:d,s:d,s:(dd),s:d,s:d}", "texel_size", move.texel_size[0][0],
-        move.texel_size[0][1], move.texel_size[1][0], move.texel_size[1][1], "texels", move.texels,
-        "depth", move.depth, "depth_quanta", move.depth_quanta[0], move.depth_quanta[1],
-        "rounding_texels", move.rounding_texels, "rounding_depth", move.rounding_depth);
+    return Py_BuildValue("{s:((dd)(dd)),s:d,s:d,s:(ddd),s:d,s:d}", "texel_size",
+                         move.texel_size[0][0], move.texel_size[0][1], move.texel_size[1][0],
+                         move.texel_size[1][1], "texels", move.texels, "depth", move.depth,
+                         "depth_quanta", move.depth_quanta[0], move.depth_quanta[1],
+                         move.depth_quanta[2], "rounding_texels", move.rounding_texels,
+                         "rounding_depth", move.rounding_depth);
 }
 
 #define METHOD(name)                                                                               \
