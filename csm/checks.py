@@ -16,7 +16,8 @@ SELECTS = ("interval", "map", "frustum")
 # Rasterisers place vertices on a grid of 1/256 texel: a smaller miss moves nothing of its own.
 TOLERANCE_TEXELS = 1.0 / 256.0
 QUANTUM_TOLERANCE = 1.0 / 64.0
-QUANTA = (65535.0, 16777215.0)  # of a depth range stored with 16 and 24 bits
+# Of a depth range stored with 16 bits, with 24, and as float32 in its upper half.
+QUANTA = (65535.0, 16777215.0, 16777216.0)
 
 
 @dataclass(frozen=True)
@@ -201,9 +202,9 @@ def check_cascades(
 
     What counts as a miss: more than 1/256 texel (a rasteriser's own grid) or 2^-17 of the depth
     range, beyond the rounding of doubles at this distance from the world origin. Depth moves by
-    whole quanta if they are quanta of either 16 or 24 bits. Casters are judged by the scene's
-    bounds: what looks empty above a slice may hold one. Cascades with ``pancake`` lose none
-    (docs/numerics.md 23).
+    whole quanta if they are quanta of 16 bits, 24 bits or float32. Casters are judged by the
+    scene's bounds: what looks empty above a slice may hold one. Cascades with ``pancake`` lose
+    none (docs/numerics.md 23).
     """
     sets, cameras, bounds, seen = matched_frames(cascades, camera, scene, receivers)
     if select not in SELECTS:
@@ -410,8 +411,9 @@ def _moved(i, frame, sizes, move):
         return CheckProblem("lattice", i, frame, move["texels"], "texels", text)
     off = move["depth_quanta"]
     slack = [QUANTUM_TOLERANCE + move["rounding_depth"] * quanta for quanta in QUANTA]
-    # Finer quanta than the rounding resolves are no excuse.
-    if off[0] > slack[0] and (off[1] > slack[1] or slack[1] >= 0.5):
+    # Quanta finer than what the rounding resolves are no excuse.
+    moved = [o > s or s >= 0.5 for o, s in zip(off, slack, strict=True)]
+    if off[0] > slack[0] and all(moved):
         text = (
             f"the depth range of cascade {i} moves by {move['depth']:.4g} m, {off[0]:.2g} quanta "
         )

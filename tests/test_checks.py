@@ -252,7 +252,7 @@ def test_a_depth_range_that_moves_freely_under_a_fixed_grid_is_found():
     assert len(check.problems) > 0.8 * 29 * 4
 
 
-@pytest.mark.parametrize("quanta", [65535, 16777215])
+@pytest.mark.parametrize("quanta", [65535, 16777215, 16777216])
 def test_a_depth_range_that_moves_by_whole_quanta_is_sound(quanta):
     one = csm.fit_cascades(CAMERA, SUN, SPHERE)
     sets = []
