@@ -83,6 +83,7 @@ void csm_fail_more(csm_error *err, const char *format, ...) __attribute__((forma
 #define CSM_PASS_SHADOW_MASK 4u
 #define CSM_PASS_SHADOW_FORWARD 16u /* it sees what the mask pass sees too */
 #define CSM_PASS_CPU 8u             /* seen by the fit or the culling, by no shader */
+#define CSM_PASS_RECEIVERS 32u
 
 typedef enum csm_effect {
 #define CSM_EFFECT(id, name, type, default_value, min, max, passes, choices, help) CSM_EFFECT_##id,
@@ -357,7 +358,9 @@ typedef struct csm_receivers {
     const float *boxes;              /* box_count x cascades x 4: min x, y, max x, y in light
                                         space relative to box_origin; empty where min > max */
     size_t box_count;
-    double box_origin[3]; /* world */
+    double box_origin[3];           /* world */
+    bool turned;                    /* the boxes of cascade i lie along axes turned by turns[i] */
+    double turns[CSM_MAX_CASCADES]; /* [rad] about light z */
 } csm_receivers;
 
 /* A perspective warp of the light plane. Local coordinates of a point are (light xy - origin) /
@@ -431,6 +434,11 @@ csm_status csm_cascades_place(const csm_cascades_desc *desc, csm_cascades *out, 
 /* Rows that take a world normal into light space: the inverse transpose of light_from_world, which
  * for a rotation is itself. They are also the world vectors of one metre along each light axis. */
 void csm_light_normals(const csm_cascades *cascades, int cascade, double out[3][3]);
+
+/* Angles [rad] about light z, from the axes of cascades as placed, of the rectangles of smallest
+ * area round the receivers of each cascade. */
+csm_status csm_receivers_turns(const csm_cascades_desc *desc, const csm_cascades *cascades,
+                               double out_turns[CSM_MAX_CASCADES], csm_error *err);
 
 /* Fits every cascade. Without scene_bounds, view_range and depth range come from the camera alone:
  * the depth range then holds the slice and as much again towards the light. */
@@ -568,6 +576,8 @@ size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camer
 
 typedef enum csm_pass {
     CSM_STEP_VIEW,
+    CSM_STEP_RECEIVER_RANGE,
+    CSM_STEP_RECEIVER_BOUNDS,
     CSM_STEP_SHADOW_MAP,
     CSM_STEP_SHADOW_MASK,
     CSM_STEP_SHADOW_FORWARD, /* in its place where light coordinates are interpolated */
@@ -575,7 +585,7 @@ typedef enum csm_pass {
     CSM_STEP_COUNT
 } csm_pass;
 
-/* "view", "shadow_map", "shadow_mask", "shadow_forward", "shadow_points". */
+/* "view", "receiver_range", "shadow_map", "shadow_mask", ... */
 const char *csm_pass_name(csm_pass pass);
 
 typedef struct csm_plan_step {
@@ -604,6 +614,13 @@ typedef struct csm_plan {
 /* settings must be valid; they are made canonical on a copy. */
 csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
                          csm_plan *out, csm_error *err);
+
+/* Pixels are summed up in runs of a column: their number, and the bytes of what the passes over
+ * receivers hand to the fit. */
+#define CSM_RECEIVER_RUN 64
+size_t csm_receiver_runs(int width, int height);
+uint64_t csm_receiver_range_bytes(int width, int height);
+uint64_t csm_receiver_bounds_bytes(int width, int height, int cascade_count);
 
 /* Key of a pass under canonical settings and outputs: effects the pass does not see are masked. */
 uint64_t csm_program_key(csm_pass pass, const csm_settings *canonical, unsigned outputs);

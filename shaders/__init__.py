@@ -5,6 +5,8 @@ functions that passes include. Every effect is a ``CSM_*`` macro that is always 
 
 ==================================  ================================================================
 ``view.vert`` ``view.frag``         what the camera sees: triangle, depth, facing
+``receiver_range.comp``             depths of what is seen and faces the sun
+``receiver_bounds.comp``            light-space boxes of the same, per cascade
 ``shadow_map.vert``                 casters into one layer of the shadow maps
 ``shadow_mask.comp``                visibility of the camera's receivers
 ``shadow_points.comp``              visibility of given world points, looked up in the same maps

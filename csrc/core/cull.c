@@ -5,58 +5,14 @@
  * from the light: inside its outline in light x, y, inside the cascade's window, and not wholly
  * below it (docs/numerics.md 10). Every test errs towards drawing.
  */
-#include <stdlib.h>
-
 #include "frustum.h"
+#include "hull.h"
 #include "linalg.h"
 
 /* A lookup compares depths on the plane of its receiver, up to margin away from it, where that
  * plane lies deeper by its slope times margin. 1000 is where shadow_bias.glsl stops following it,
  * 0.06 degrees from edge-on to the light. */
 #define STEEPEST_RECEIVER 1000.0
-
-static int compare_points(const void *left, const void *right) {
-    const double *a = left, *b = right;
-    for (int axis = 0; axis < 2; axis++) {
-        if (a[axis] != b[axis]) {
-            return a[axis] < b[axis] ? -1 : 1;
-        }
-    }
-    return 0;
-}
-
-/* How far b lies to the right of the line from a to c, times its length. */
-static double right_of(const double a[2], const double b[2], const double c[2]) {
-    return (c[1] - a[1]) * (b[0] - a[0]) - (c[0] - a[0]) * (b[1] - a[1]);
-}
-
-/* Convex hull by Andrew's monotone chain, counter-clockwise. Points are sorted in place. A point
- * within tolerance of the line between its neighbours is left out. Returns 0 if there are more than
- * CSM_HULL_MAX corners. */
-static int convex_hull(double (*points)[2], int count, double tolerance, double (*out)[2]) {
-    qsort(points, (size_t)count, sizeof *points, compare_points);
-    int size = 0;
-    for (int half = 0; half < 2; half++) {
-        const int start = size; /* lower chain left to right, then the upper one back */
-        for (int i = 0; i < count; i++) {
-            const double *point = points[half == 0 ? i : count - 1 - i];
-            while (size - start >= 2) {
-                const double length =
-                    hypot(point[0] - out[size - 2][0], point[1] - out[size - 2][1]);
-                if (right_of(out[size - 2], out[size - 1], point) > tolerance * length) {
-                    break;
-                }
-                size--;
-            }
-            if (size == CSM_HULL_MAX) {
-                return 0;
-            }
-            memcpy(out[size++], point, sizeof out[0]);
-        }
-        size--; /* the last point begins the other chain */
-    }
-    return size;
-}
 
 /* Outline and lowest light z of what the camera sees between two depths inside the bounds. */
 static void outline_visible(const csm_cascades *cascades, const csm_camera *camera,
@@ -88,7 +44,8 @@ static void outline_visible(const csm_cascades *cascades, const csm_camera *came
         largest = fmax(largest, fmax(fabs(flat[i][0]), fabs(flat[i][1])));
     }
     /* Clipping finds a vertex several times, apart by rounding. */
-    out->hull_count = convex_hull(flat, count, 0x1p-48 * largest, out->hull);
+    out->hull_count =
+        (int)csm_convex_hull(flat, (size_t)count, 0x1p-48 * largest, CSM_HULL_MAX, out->hull);
     for (int i = 0; i < out->hull_count; i++) {
         out->hull[i][0] += eye_ls[0];
         out->hull[i][1] += eye_ls[1];

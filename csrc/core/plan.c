@@ -17,6 +17,8 @@ static const struct {
     unsigned outputs; /* CSM_OUT_* that change its code */
 } passes[CSM_STEP_COUNT] = {
     [CSM_STEP_VIEW] = {"view", CSM_PASS_VIEW, 0},
+    [CSM_STEP_RECEIVER_RANGE] = {"receiver_range", CSM_PASS_VIEW, 0},
+    [CSM_STEP_RECEIVER_BOUNDS] = {"receiver_bounds", CSM_PASS_VIEW | CSM_PASS_RECEIVERS, 0},
     [CSM_STEP_SHADOW_MAP] = {"shadow_map", CSM_PASS_SHADOW_MAP, 0},
     [CSM_STEP_SHADOW_MASK] = {"shadow_mask", CSM_PASS_SHADOW_MASK, MASK_OUTPUTS},
     [CSM_STEP_SHADOW_FORWARD] = {"shadow_forward", CSM_PASS_SHADOW_MASK | CSM_PASS_SHADOW_FORWARD,
@@ -135,6 +137,18 @@ static uint64_t output_bytes(unsigned outputs) {
     return bytes;
 }
 
+size_t csm_receiver_runs(int width, int height) {
+    return (size_t)width * (((size_t)height + CSM_RECEIVER_RUN - 1) / CSM_RECEIVER_RUN);
+}
+
+uint64_t csm_receiver_range_bytes(int width, int height) {
+    return CSM_DEPTH_BINS * sizeof(uint32_t) + csm_receiver_runs(width, height) * 2 * sizeof(float);
+}
+
+uint64_t csm_receiver_bounds_bytes(int width, int height, int cascade_count) {
+    return csm_receiver_runs(width, height) * (size_t)cascade_count * 4 * sizeof(float);
+}
+
 csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
                          csm_plan *out, csm_error *err) {
     static const struct {
@@ -157,13 +171,28 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
     }
     memset(out, 0, sizeof *out);
     out->outputs = outputs;
-    if (outputs & MASK_OUTPUTS) {
+    const int split = canonical.effects[CSM_EFFECT_SPLIT];
+    /* cascades belong to every frame, so what they are fitted to is summed up whatever is asked */
+    bool range = shadowed && (split == CSM_SPLIT_SDSM || split == CSM_SPLIT_HISTOGRAM);
+    bool bounds = shadowed && canonical.effects[CSM_EFFECT_FIT] == CSM_FIT_VISIBLE;
+    if ((outputs & MASK_OUTPUTS) || range || bounds) {
         add_step(out, CSM_STEP_VIEW, -1, &canonical);
         bool instances = canonical.effects[CSM_EFFECT_INSTANCES];
         add_texture(out, "view_ids", instances ? "rg32ui" : "r32ui", width, height, 1,
                     instances ? 8 : 4);
         add_texture(out, "view_depth", "d32f", width, height, 1, 4);
         out->bytes += (uint64_t)width * (uint64_t)height * output_bytes(outputs);
+    }
+    if (range) {
+        add_step(out, CSM_STEP_RECEIVER_RANGE, -1, &canonical);
+        out->bytes += csm_receiver_range_bytes(width, height);
+    }
+    if (bounds) {
+        add_step(out, CSM_STEP_RECEIVER_BOUNDS, -1, &canonical);
+        if (canonical.effects[CSM_EFFECT_TURNED]) { /* once more, along the turned axes */
+            add_step(out, CSM_STEP_RECEIVER_BOUNDS, -1, &canonical);
+        }
+        out->bytes += csm_receiver_bounds_bytes(width, height, count);
     }
     if (maps) {
         for (int i = 0; i < count; i++) {

@@ -6,11 +6,10 @@
  */
 #include "placement.h"
 
-#include "linalg.h"
+#include <stdlib.h>
 
-/* Turned windows are tried every 90 / 32 degrees: the best of them is at most 2.5 % wider than the
- * best of all. */
-#define TURNS 32
+#include "hull.h"
+#include "linalg.h"
 
 static double view_depth(const csm_camera *camera, const double point[3]) {
     double from_eye[3];
@@ -65,48 +64,48 @@ typedef struct rectangle {
 
 static const rectangle nothing = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
 
-/* A box that light space turned by an angle encloses: its centre turned, its sides projected. */
-static void grow(rectangle *out, const double low[2], const double high[2], double cosine,
-                 double sine) {
-    const double centre[2] = {0.5 * (low[0] + high[0]), 0.5 * (low[1] + high[1])};
-    const double half[2] = {0.5 * (high[0] - low[0]), 0.5 * (high[1] - low[1])};
-    const double at[2] = {cosine * centre[0] + sine * centre[1],
-                          cosine * centre[1] - sine * centre[0]};
-    const double reach[2] = {cosine * half[0] + sine * half[1], cosine * half[1] + sine * half[0]};
+static void grow(rectangle *out, const double low[2], const double high[2]) {
     for (int axis = 0; axis < 2; axis++) {
-        out->low[axis] = fmin(out->low[axis], at[axis] - reach[axis]);
-        out->high[axis] = fmax(out->high[axis], at[axis] + reach[axis]);
+        out->low[axis] = fmin(out->low[axis], low[axis]);
+        out->high[axis] = fmax(out->high[axis], high[axis]);
     }
 }
 
-/* The rectangle round the receivers of cascade i in light space turned by an angle of 0 to 90
- * degrees, relative to *out_origin, a point in light x, y of the turned axes. */
+/* False unless point k is a receiver of cascade i; its light x, y, z relative to the eye. */
+static bool receiver_of(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
+                        size_t k, double out_ls[3]) {
+    const double *point = desc->receivers->points + 3 * k;
+    double from_eye[3];
+    const double depth = view_depth(&desc->camera, point);
+    if ((i > 0 && depth <= cascades->splits[i]) || !(depth <= cascades->splits[i + 1])) {
+        return false;
+    }
+    for (int axis = 0; axis < 3; axis++) {
+        from_eye[axis] = point[axis] - desc->camera.eye[axis];
+    }
+    mat4_rotate(cascades->light_from_world[i], from_eye, out_ls);
+    return true;
+}
+
+/* The rectangle round the receivers of cascade i relative to *out_origin, a point in light x, y. */
 static rectangle enclose(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
-                         double cosine, double sine, double out_origin[2]) {
+                         double out_origin[2]) {
     const csm_receivers *seen = desc->receivers;
-    const double *basis = cascades->light_from_world[i];
     rectangle out = nothing;
-    double origin_ls[3];
-    mat4_rotate(basis, seen->points ? desc->camera.eye : seen->box_origin, origin_ls);
-    out_origin[0] = cosine * origin_ls[0] + sine * origin_ls[1];
-    out_origin[1] = cosine * origin_ls[1] - sine * origin_ls[0];
+    double origin_ls[3], at[3];
+    mat4_rotate(cascades->light_from_world[i], seen->points ? desc->camera.eye : seen->box_origin,
+                origin_ls);
+    memcpy(out_origin, origin_ls, 2 * sizeof *out_origin);
     for (size_t k = 0; !seen->points && k < seen->box_count; k++) {
         const float *box = seen->boxes + 4 * (k * (size_t)cascades->count + (size_t)i);
         if (box[0] <= box[2]) {
-            grow(&out, (double[2]){box[0], box[1]}, (double[2]){box[2], box[3]}, cosine, sine);
+            grow(&out, (double[2]){box[0], box[1]}, (double[2]){box[2], box[3]});
         }
     }
     for (size_t k = 0; seen->points && k < seen->point_count; k++) {
-        double from_eye[3], at[3];
-        const double depth = view_depth(&desc->camera, seen->points + 3 * k);
-        if ((i > 0 && depth <= cascades->splits[i]) || depth > cascades->splits[i + 1]) {
-            continue;
+        if (receiver_of(desc, cascades, i, k, at)) {
+            grow(&out, at, at);
         }
-        for (int axis = 0; axis < 3; axis++) {
-            from_eye[axis] = seen->points[3 * k + (size_t)axis] - desc->camera.eye[axis];
-        }
-        mat4_rotate(basis, from_eye, at);
-        grow(&out, at, at, cosine, sine);
     }
     return out;
 }
@@ -120,26 +119,44 @@ static void turn_basis(double light_from_world[16], double cosine, double sine) 
     }
 }
 
-static rectangle enclose_turned(const csm_cascades_desc *desc, csm_cascades *out, int i,
-                                double out_origin[2]) {
-    rectangle best = nothing;
-    double best_area = INFINITY, best_cosine = 1.0, best_sine = 0.0;
-    for (int turn = 0; turn < TURNS; turn++) {
-        const double angle = turn * (0.5 * 3.14159265358979323846 / TURNS);
-        const double cosine = cos(angle), sine = sin(angle);
-        double origin[2];
-        const rectangle here = enclose(desc, out, i, cosine, sine, origin);
-        const double area = (here.high[0] - here.low[0]) * (here.high[1] - here.low[1]);
-        if (here.low[0] <= here.high[0] && area < best_area) {
-            best = here;
-            best_area = area;
-            best_cosine = cosine;
-            best_sine = sine;
-            memcpy(out_origin, origin, sizeof origin);
+/* Corners of the receivers' boxes, or the points themselves, of cascade i in light x, y; room for
+ * four for each box. */
+static size_t corners_of(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
+                         double (*out)[2]) {
+    const csm_receivers *seen = desc->receivers;
+    size_t count = 0;
+    for (size_t k = 0; !seen->points && k < seen->box_count; k++) {
+        const float *box = seen->boxes + 4 * (k * (size_t)cascades->count + (size_t)i);
+        for (int corner = 0; corner < 4 && box[0] <= box[2]; corner++) {
+            out[count][0] = box[corner & 1 ? 2 : 0];
+            out[count++][1] = box[corner & 2 ? 3 : 1];
         }
     }
-    turn_basis(out->light_from_world[i], best_cosine, best_sine);
-    return best;
+    for (size_t k = 0; seen->points && k < seen->point_count; k++) {
+        double at[3];
+        if (receiver_of(desc, cascades, i, k, at)) {
+            memcpy(out[count++], at, sizeof out[0]);
+        }
+    }
+    return count;
+}
+
+csm_status csm_receivers_turns(const csm_cascades_desc *desc, const csm_cascades *cascades,
+                               double out_turns[CSM_MAX_CASCADES], csm_error *err) {
+    const csm_receivers *seen = desc->receivers;
+    const size_t most = seen->points ? seen->point_count : 4 * seen->box_count;
+    double(*points)[2] = malloc((2 * most + 1) * sizeof *points);
+    if (!points) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to turn windows");
+    }
+    for (int i = 0; i < cascades->count; i++) {
+        const size_t count = csm_outer_points(points, corners_of(desc, cascades, i, points));
+        double(*hull)[2] = points + count;
+        const size_t corners = csm_convex_hull(points, count, 0.0, most + 1, hull);
+        out_turns[i] = csm_smallest_rectangle((const double(*)[2])hull, corners);
+    }
+    free(points);
+    return CSM_OK;
 }
 
 csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
@@ -149,10 +166,20 @@ csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
                         "fit visible needs receivers, the points that the camera sees");
     }
+    if (settings->effects[CSM_EFFECT_TURNED]) {
+        double turns[CSM_MAX_CASCADES];
+        if (desc->receivers->turned) {
+            memcpy(turns, desc->receivers->turns, sizeof turns);
+        } else {
+            const csm_status status = csm_receivers_turns(desc, out, turns, err);
+            if (status != CSM_OK) {
+                return status;
+            }
+        }
+        turn_basis(out->light_from_world[i], cos(turns[i]), sin(turns[i]));
+    }
     double origin[2];
-    const rectangle seen = settings->effects[CSM_EFFECT_TURNED]
-                               ? enclose_turned(desc, out, i, origin)
-                               : enclose(desc, out, i, 1.0, 0.0, origin);
+    const rectangle seen = enclose(desc, out, i, origin);
     *slab = csm_slice_bounds(&desc->camera, out->light_from_world[i], out->splits[i],
                              out->splits[i + 1]);
     /* Receivers are float32: a texel finer than their rounding tells nothing more, and a window

@@ -108,6 +108,8 @@ enum {
     CSM_BUFFER_DEPTH,
     CSM_BUFFER_NORMAL,
     CSM_BUFFER_POINTS,
+    CSM_BUFFER_RECEIVER_BOUNDS,
+    CSM_BUFFER_RECEIVER_RANGE,
     CSM_BUFFER_COUNT
 };
 
@@ -225,6 +227,7 @@ typedef struct csm_frame {
     csm_render_out *out;
     csm_settings settings; /* canonical */
     csm_plan plan;
+    csm_receivers receivers; /* what the passes over the pixels summed up; arrays are mapped */
     csm_frame_uniforms uniforms;
 } csm_frame;
 
@@ -259,6 +262,7 @@ void csm_draw_list_drop(csm_renderer *renderer);
 
 /* uniforms.c */
 void csm_frame_write_view(csm_frame *frame);
+void csm_frame_write_light(csm_frame *frame); /* light axes and splits, of out->cascades */
 void csm_frame_write_cascades(csm_frame *frame);
 void csm_frame_write_warps(const csm_frame *frame, csm_warp_uniforms *out);
 
@@ -267,7 +271,14 @@ void csm_timer_start(csm_renderer *renderer);
 void csm_timer_stop(csm_renderer *renderer, csm_render_out *out, const char *name);
 double csm_clock_ms(void);
 
+/* What a fit reads of the frame; settings is where its choices are kept. */
+csm_cascades_desc csm_frame_fit_desc(const csm_frame *frame, csm_settings *settings);
+void csm_frame_upload_uniforms(csm_frame *frame);
+
 /* pass_*.c */
+csm_status csm_pass_receiver_range(csm_frame *frame, csm_error *err);
+csm_status csm_pass_receiver_bounds(csm_frame *frame, csm_error *err);
+void csm_bind_view_inputs(csm_frame *frame);
 csm_status csm_pass_view(csm_frame *frame, csm_error *err);
 csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err);
 csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err);

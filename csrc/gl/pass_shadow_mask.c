@@ -17,15 +17,21 @@
 enum { BLOCK_INSTANCES, BLOCK_POINTS, BLOCK_OUTPUT };
 enum { UNIT_IDS, UNIT_MAPS, UNIT_COMPARE, UNIT_PLANES };
 
-void csm_mask_bind_inputs(csm_frame *frame) {
+void csm_bind_view_inputs(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const csm_gpu_scene *scene = frame->desc->scene;
-    GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, BLOCK_INSTANCES, scene->instances);
     gl->BindTextureUnit(UNIT_IDS, renderer->targets[CSM_TARGET_VIEW_IDS].texture);
     gl->BindTextureUnit(UNIT_PLANES, scene->plane_texture);
     gl->BindSampler(UNIT_IDS, renderer->nearest_sampler);
+}
+
+static void bind_inputs(csm_frame *frame) {
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
+    csm_bind_view_inputs(frame);
     gl->BindTextureUnit(UNIT_MAPS, maps);
     gl->BindSampler(UNIT_MAPS, renderer->nearest_sampler);
     gl->BindTextureUnit(UNIT_COMPARE, maps);

@@ -17,6 +17,8 @@ static const struct {
     GLenum stages[2];
 } pass_files[CSM_STEP_COUNT] = {
     [CSM_STEP_VIEW] = {{"view.vert", "view.frag"}, {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
+    [CSM_STEP_RECEIVER_RANGE] = {{"receiver_range.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
+    [CSM_STEP_RECEIVER_BOUNDS] = {{"receiver_bounds.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
     [CSM_STEP_SHADOW_MAP] = {{"shadow_map.vert", NULL}, {GL_VERTEX_SHADER, 0}},
     [CSM_STEP_SHADOW_MASK] = {{"shadow_mask.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
     [CSM_STEP_SHADOW_FORWARD] = {{"shadow_forward.vert", "shadow_forward.frag"},

@@ -262,6 +262,12 @@ static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_erro
     case CSM_STEP_VIEW:
         status = csm_pass_view(frame, err);
         break;
+    case CSM_STEP_RECEIVER_RANGE:
+        status = csm_pass_receiver_range(frame, err);
+        break;
+    case CSM_STEP_RECEIVER_BOUNDS:
+        status = csm_pass_receiver_bounds(frame, err);
+        break;
     case CSM_STEP_SHADOW_MAP:
         status = csm_pass_shadow_map(frame, step->cascade, err);
         break;
@@ -330,31 +336,42 @@ static void read_back(csm_frame *frame) {
     }
 }
 
-static void upload_uniforms(csm_frame *frame) {
+void csm_frame_upload_uniforms(csm_frame *frame) {
     frame->renderer->gl.NamedBufferSubData(frame->renderer->frame_uniforms, 0,
                                            sizeof frame->uniforms, &frame->uniforms);
 }
 
-static csm_status place_cascades(csm_frame *frame, csm_error *err) {
+static bool shadowed(const csm_frame *frame) {
+    return frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;
+}
+
+csm_cascades_desc csm_frame_fit_desc(const csm_frame *frame, csm_settings *settings) {
     const csm_render_desc *desc = frame->desc;
     const csm_geometry *geometry = &desc->scene->geometry;
-    csm_settings settings = desc->settings;
-    if (settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
-        /* no map asks for these cascades: they must not refuse a camera either */
-        settings.effects[CSM_EFFECT_SPLIT] = CSM_SPLIT_UNIFORM;
-        settings.effects[CSM_EFFECT_FIT] = CSM_FIT_SPHERE;
+    *settings = desc->settings;
+    if (!shadowed(frame)) {
+        /* no map asks for these cascades: they must not refuse a camera, nor ask what is seen */
+        settings->effects[CSM_EFFECT_SPLIT] = CSM_SPLIT_UNIFORM;
+        settings->effects[CSM_EFFECT_FIT] = CSM_FIT_SPHERE;
+        settings->first_split = settings->max_distance = 0.0;
     }
-    const csm_cascades_desc fit = {
-        .camera = desc->camera,
-        .to_light = {desc->to_light[0], desc->to_light[1], desc->to_light[2]},
-        .settings = &settings,
-        .scene_bounds = desc->scene_bounds,
-        .boxes = geometry->item_count ? geometry->items->bounds : NULL,
-        .box_count = geometry->item_count,
-        .box_stride = sizeof *geometry->items,
-        .held = desc->held};
+    csm_cascades_desc fit = {.camera = desc->camera,
+                             .settings = settings,
+                             .scene_bounds = desc->scene_bounds,
+                             .boxes = geometry->item_count ? geometry->items->bounds : NULL,
+                             .box_count = geometry->item_count,
+                             .box_stride = sizeof *geometry->items,
+                             .receivers = &frame->receivers,
+                             .held = desc->held};
+    memcpy(fit.to_light, desc->to_light, sizeof fit.to_light);
+    return fit;
+}
+
+static csm_status place_cascades(csm_frame *frame, csm_error *err) {
+    csm_settings settings;
+    const csm_cascades_desc fit = csm_frame_fit_desc(frame, &settings);
     csm_status status = csm_cascades_fit(&fit, &frame->out->cascades, err);
-    if (status == CSM_OK && frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE) {
+    if (status == CSM_OK && shadowed(frame)) {
         csm_frame_write_cascades(frame);
     }
     if (status == CSM_OK && frame->settings.effects[CSM_EFFECT_WARPED]) {
@@ -364,8 +381,18 @@ static csm_status place_cascades(csm_frame *frame, csm_error *err) {
             csm_buffer_make(frame->renderer, "warp", sizeof warps, &warps, 0);
         frame->renderer->gl.BindBufferBase(GL_UNIFORM_BUFFER, 1, frame->renderer->warp_uniforms);
     }
-    upload_uniforms(frame);
+    csm_frame_upload_uniforms(frame);
     return status;
+}
+
+static bool sums_up_receivers(const csm_plan *plan) {
+    for (int i = 0; i < plan->step_count; i++) {
+        const csm_pass pass = plan->steps[i].pass;
+        if (pass == CSM_STEP_RECEIVER_RANGE || pass == CSM_STEP_RECEIVER_BOUNDS) {
+            return true;
+        }
+    }
+    return false;
 }
 
 static csm_status render_bound(csm_frame *frame, csm_error *err) {
@@ -383,14 +410,27 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
     frame->out->clock = renderer->timer.queries ? "timer query" : "wall clock around glFinish";
     frame->out->items_total = (int)frame->desc->scene->geometry.item_count;
     csm_frame_write_view(frame);
-    status = place_cascades(frame, err);
-    if (status != CSM_OK) {
-        return status;
+    /* What reads no pixels is refused before a pixel is drawn. */
+    bool placed = !sums_up_receivers(&frame->plan);
+    if (placed) {
+        status = place_cascades(frame, err);
+        if (status != CSM_OK) {
+            return status;
+        }
+    } else {
+        csm_frame_upload_uniforms(frame);
     }
     gl->BindBufferBase(GL_UNIFORM_BUFFER, 0, renderer->frame_uniforms);
     for (int i = 0; i < frame->plan.step_count && status == CSM_OK; i++) {
-        status = csm_frame_stopped(frame) ? csm_interrupted(err)
-                                          : run_step(frame, &frame->plan.steps[i], err);
+        const csm_plan_step *step = &frame->plan.steps[i];
+        status = csm_frame_stopped(frame) ? csm_interrupted(err) : CSM_OK;
+        if (status == CSM_OK && !placed && step->pass > CSM_STEP_RECEIVER_BOUNDS) {
+            status = place_cascades(frame, err);
+            placed = true;
+        }
+        if (status == CSM_OK) {
+            status = run_step(frame, step, err);
+        }
     }
     if (status == CSM_OK) {
         read_back(frame);

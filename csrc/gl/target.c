@@ -133,8 +133,9 @@ void csm_buffer_drop(csm_renderer *renderer, GLuint *name) {
  * scattered writes across it cost ten times the pass. A smaller frame uses the front of a larger
  * buffer. */
 csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err) {
-    static const char *const labels[CSM_BUFFER_COUNT] = {"mask", "cascade_index", "view_depth",
-                                                         "normal", "points"};
+    static const char *const labels[CSM_BUFFER_COUNT] = {
+        "mask",   "cascade_index",   "view_depth",    "normal",
+        "points", "receiver_bounds", "receiver_range"};
     csm_host_buffer *buffer = &renderer->buffers[kind];
     const GLbitfield flags = GL_MAP_READ_BIT | GL_MAP_PERSISTENT_BIT;
     if (buffer->size >= (GLsizeiptr)size) {

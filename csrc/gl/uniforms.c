@@ -85,7 +85,6 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
     uniforms->depth[i][2] =
         (float)((warped ? 0.0 : bias->constant_texels * largest / span) + bias->quanta * quantum);
     uniforms->depth[i][3] = (float)largest;
-    uniforms->slope[i][2] = (float)cascades->splits[i + 1];
     /* by hand a bias is in texels of the larger side; the automatic one is as small as each side
      * allows */
     bool manual = frame->settings.effects[CSM_EFFECT_BIAS] == CSM_BIAS_MANUAL;
@@ -105,7 +104,26 @@ void csm_frame_write_view(csm_frame *frame) {
         uniforms->eye_low[axis] = (float)(eye - (double)high);
     }
     write_view(&desc->camera, uniforms);
+    uniforms->image[0] = desc->camera.width;
+    uniforms->image[1] = desc->camera.height;
     to_floats(desc->to_light, 3, uniforms->to_light);
+}
+
+void csm_frame_write_light(csm_frame *frame) {
+    const csm_cascades *cascades = &frame->out->cascades;
+    csm_frame_uniforms *uniforms = &frame->uniforms;
+    double normals[3][3];
+    csm_light_normals(cascades, 0, normals);
+    for (int row = 0; row < 3; row++) {
+        for (int column = 0; column < 3; column++) {
+            uniforms->light_from_origin[row][column] =
+                (float)cascades->light_from_world[0][4 * column + row];
+            uniforms->normal_from_origin[row][column] = (float)normals[row][column];
+        }
+    }
+    for (int i = 0; i < cascades->count; i++) {
+        uniforms->slope[i][2] = (float)cascades->splits[i + 1];
+    }
 }
 
 void csm_frame_write_cascades(csm_frame *frame) {
@@ -116,15 +134,7 @@ void csm_frame_write_cascades(csm_frame *frame) {
                                 csm_settings_kernel_radius(&frame->settings),
                                 bias.roundings * cascades->stretch},
               4, uniforms->bias);
-    double normals[3][3];
-    csm_light_normals(cascades, 0, normals);
-    for (int row = 0; row < 3; row++) {
-        for (int column = 0; column < 3; column++) {
-            uniforms->light_from_origin[row][column] =
-                (float)cascades->light_from_world[0][4 * column + row];
-            uniforms->normal_from_origin[row][column] = (float)normals[row][column];
-        }
-    }
+    csm_frame_write_light(frame);
     for (int i = 0; i < cascades->count; i++) {
         write_cascade(frame, i, &bias, uniforms);
     }

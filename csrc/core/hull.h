@@ -1,0 +1,21 @@
+/* hull.h: outlines of points in a plane. */
+#ifndef CSM_HULL_H
+#define CSM_HULL_H
+
+#include "csm.h"
+
+/* Convex hull, counter-clockwise, into out (room for max corners). Points are sorted in place. A
+ * point within tolerance of the line between its neighbours is left out. Returns the number of
+ * corners, 0 if there are more than max. */
+size_t csm_convex_hull(double (*points)[2], size_t count, double tolerance, size_t max,
+                       double (*out)[2]);
+
+/* Drops points that lie inside the polygon of those farthest out in 16 directions: they cannot be
+ * corners of the hull. Works in place; returns how many are left. */
+size_t csm_outer_points(double (*points)[2], size_t count);
+
+/* Angle [rad], 0 to pi / 2, of the rectangle of smallest area round a convex polygon: one of its
+ * sides lies along an edge [Freeman and Shapira 1975]. 0 for fewer than two corners. */
+double csm_smallest_rectangle(const double (*hull)[2], size_t count);
+
+#endif
