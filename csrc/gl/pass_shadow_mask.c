@@ -27,7 +27,7 @@ void csm_bind_view_inputs(csm_frame *frame) {
     gl->BindSampler(UNIT_IDS, renderer->nearest_sampler);
 }
 
-static void bind_inputs(csm_frame *frame) {
+void csm_mask_bind_inputs(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
