@@ -48,7 +48,7 @@ class _Effect(TypedDict):
     default: bool | int | str
     min: int
     max: int
-    passes: int  # bits: shadow_map 1, view 2, shadow_mask 4, CPU 8
+    passes: int  # bits: shadow_map 1, view 2, shadow_mask 4, CPU 8, shadow_forward 16, receivers 32
     choices: str
     help: str
 

@@ -36,7 +36,7 @@ NUMBERS = """
 """
 
 # Bits of the table's `passes`.
-PASSES = {"shadow_map": 1, "view": 2, "shadow_mask": 4, "shadow_forward": 16}
+PASSES = {"shadow_map": 1, "view": 2, "shadow_mask": 4, "shadow_forward": 16, "receivers": 32}
 
 
 def title_of(row):

@@ -72,7 +72,7 @@ class _Idle:
     frame: after it, what is alive beyond it belongs to scenes and programs."""
 
     camera = csm.Camera.look_at((0, 3, 2), (0, 0, 0), near=0.5, far=9, size=(8, 8))
-    settings = csm.ShadowSettings(cascade_count=1, map_size=8)
+    settings = csm.ShadowSettings(cascade_count=1, map_size=8, fit="visible", split="sdsm")
     outputs = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
 
     def __init__(self, renderer):

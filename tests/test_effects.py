@@ -15,7 +15,7 @@ from csm.plans import OUTPUTS, output_bits
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = _core.effect_table()
 NAMED = {row["name"]: row for row in TABLE if row["name"]}
-PASS_BITS = {"shadow_map": 1, "view": 2, "shadow_mask": 4}
+PASS_BITS = {"shadow_map": 1, "view": 2, "shadow_mask": 4, "receiver_bounds": 32}
 ALL_OUTPUTS = output_bits(OUTPUTS)[0]
 
 # What must be set besides, so that a setting has a meaning.
@@ -24,6 +24,7 @@ NEEDS = {
     "receiver_plane": {"bias": "manual"},
     "normal_offset_texels": {"bias": "manual"},
     "turned": {"fit": "visible"},
+    "cascade_count": {"fit": "visible"},
     "level_spacing": {"snap": "approximate"},
     "level_count": {"snap": "approximate"},
     "level_hysteresis": {"snap": "approximate"},
@@ -78,7 +79,7 @@ def test_rows_are_consistent():
     assert len(set(names)) == len(names)
     for row in TABLE:
         assert row["help"], row["id"]
-        assert not row["passes"] & ~0x1F, row["id"]
+        assert not row["passes"] & ~0x3F, row["id"]
         if row["name"]:
             assert row["id"] == row["name"].upper()
         if row["type"] == "enum":
