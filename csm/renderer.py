@@ -237,7 +237,7 @@ class Renderer:
                     sun.to_light,
                     settings,
                     scene.bounds.ravel(),
-                    self._held(scene, camera),
+                    self._held(scene, camera, settings),
                     bits,
                     {"mask": arrays["mask_single"], **arrays}
                     if "mask_single" in arrays
@@ -253,7 +253,7 @@ class Renderer:
             finally:
                 self._tell_messages(core)
             cascades = Cascades(**result["cascades"])
-            self._walk.held = (weakref.ref(scene), camera, cascades)
+            self._walk.held = (weakref.ref(scene), camera, settings, cascades)
         if "mask_single" in arrays and "mask" in arrays:
             arrays["mask_single"][...] = arrays["mask"]
         return Frame(
@@ -323,13 +323,18 @@ class Renderer:
             core.drop(self._dropped[-1])
             self._dropped.pop()
 
-    def _held(self, scene, camera):
+    def _held(self, scene, camera, settings):
         # of this thread: what others render in between must not show in its frames
         held = getattr(self._walk, "held", None)
         if held is None:
             return None
-        reference, last, cascades = held
-        same = reference() is scene and last.near == camera.near and last.size == camera.size
+        reference, last, wanted, cascades = held
+        same = (
+            reference() is scene
+            and wanted == settings
+            and last.near == camera.near
+            and last.size == camera.size
+        )
         moved = np.linalg.norm(camera.eye - last.eye)
         turned = float(camera.backward @ last.backward)
         near_enough = moved <= HELD_STEP_SHARE * cascades.splits[-1] and turned >= HELD_TURN_COSINE
