@@ -617,7 +617,7 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
 
 /* Pixels are summed up in runs of a column: their number, and the bytes of what the passes over
  * receivers hand to the fit. */
-#define CSM_RECEIVER_RUN 64
+#define CSM_RECEIVER_RUN 32
 size_t csm_receiver_runs(int width, int height);
 uint64_t csm_receiver_range_bytes(int width, int height);
 uint64_t csm_receiver_bounds_bytes(int width, int height, int cascade_count);

@@ -53,14 +53,16 @@ size_t csm_convex_hull(double (*points)[2], size_t count, double tolerance, size
 }
 
 size_t csm_outer_points(double (*points)[2], size_t count) {
-    double corners[DIRECTIONS][2], farthest[DIRECTIONS];
+    double corners[DIRECTIONS][2], farthest[DIRECTIONS], along[DIRECTIONS][2];
     for (int k = 0; k < DIRECTIONS; k++) {
+        const double angle = k * (2.0 * 3.14159265358979323846 / DIRECTIONS);
+        along[k][0] = cos(angle);
+        along[k][1] = sin(angle);
         farthest[k] = -INFINITY;
     }
     for (size_t i = 0; i < count; i++) {
         for (int k = 0; k < DIRECTIONS; k++) {
-            const double angle = k * (2.0 * 3.14159265358979323846 / DIRECTIONS);
-            const double reach = cos(angle) * points[i][0] + sin(angle) * points[i][1];
+            const double reach = along[k][0] * points[i][0] + along[k][1] * points[i][1];
             if (reach > farthest[k]) {
                 farthest[k] = reach;
                 memcpy(corners[k], points[i], sizeof corners[k]);

@@ -2,7 +2,7 @@
 // change from row to row is taken out of the loop by hand: on software GL that halves its cost. Needs
 // view_receiver.glsl.
 
-const int run_length = 64; // CSM_RECEIVER_RUN
+const int run_length = 32; // CSM_RECEIVER_RUN
 
 // Rays of a column: a ray at ndc y has start0 + y * start1 and direction0 + y * direction1.
 struct view_column
