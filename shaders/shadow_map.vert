@@ -3,6 +3,8 @@
 #include "include/vertex.glsl"
 #if CSM_WARPED
 #include "include/warp.glsl"
+
+layout(location = 0) out float depth;
 #endif
 
 layout(location = 0) uniform int cascade;
@@ -11,7 +13,8 @@ void main()
 {
     vec3 position_ls = light_position(origin_from_local(instance, position));
 #if CSM_WARPED
-    gl_Position = warp_clip(warp_local(position_ls.xy, cascade), map_depth(position_ls.z, cascade), cascade);
+    depth = map_depth(position_ls.z, cascade);
+    gl_Position = warp_clip(warp_local(position_ls.xy, cascade), depth, cascade);
 #else
     vec4 clip = frame.clip[cascade];
     gl_Position = vec4(turned(position_ls.xy, cascade) * clip.xy + clip.zw, map_depth(position_ls.z, cascade), 1.0);

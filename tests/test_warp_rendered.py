@@ -271,6 +271,28 @@ def test_l1_masks_under_a_warp_agree_with_the_truth(renderer, figure, warp, coun
     figure("L1", f"{warp}, {count} maps: worse than no warp", worse.max(), 0.02)
 
 
+@pytest.mark.parametrize("count", [1, 4])
+@pytest.mark.parametrize("warp", WARPS)
+def test_l1_a_warp_holds_what_is_seen(renderer, figure, warp, count):
+    # A warp has to hold less of a slice whose windows lie round the visible receivers: each of them
+    # keeps a cascade, and texels are finer, so that the error over all the cases is smaller.
+    settings = BASE.replace(cascade_count=count, map_size=512, warp=warp)
+    outputs = ("mask", "valid", "cascade_index", "view_depth", "normal")
+    errors, lost = {"box": [], "visible": []}, 0
+    for make, number, sun in CASES:
+        scene, sun_ = make(), csm.Sun(small_scenes.SUNS[sun])
+        camera = small_scenes.camera(number, size=(240, 135))
+        truth = csm.truth(scene, camera, sun_)
+        for fit, found in errors.items():
+            frame = renderer.render(scene, camera, sun_, settings.replace(fit=fit), outputs=outputs)
+            found.append(csm.compare(frame, truth).disagreement)
+        seen = truth.valid & truth.facing & frame.valid
+        lost += np.count_nonzero(seen & (frame.cascade_index == 255))
+    figure("L1", "visible receivers without a warped map", lost, 0, "pixels")
+    ratio = np.mean(errors["visible"]) / np.mean(errors["box"])
+    figure("L1", f"{warp}, {count} maps: fit visible over box", ratio, 1.0)
+
+
 # -- round about -----------------------------------------------------------------------------------
 
 

@@ -19,12 +19,20 @@ static const struct {
     [CSM_STEP_VIEW] = {{"view.vert", "view.frag"}, {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
     [CSM_STEP_RECEIVER_RANGE] = {{"receiver_range.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
     [CSM_STEP_RECEIVER_BOUNDS] = {{"receiver_bounds.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
-    [CSM_STEP_SHADOW_MAP] = {{"shadow_map.vert", NULL}, {GL_VERTEX_SHADER, 0}},
+    [CSM_STEP_SHADOW_MAP] = {{"shadow_map.vert", "shadow_map.frag"},
+                             {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
     [CSM_STEP_SHADOW_MASK] = {{"shadow_mask.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
     [CSM_STEP_SHADOW_FORWARD] = {{"shadow_forward.vert", "shadow_forward.frag"},
                                  {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
     [CSM_STEP_SHADOW_POINTS] = {{"shadow_points.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
 };
+
+/* The rasteriser's own depth serves every map that is not warped. */
+static int stage_count(const csm_frame *frame, csm_pass pass) {
+    const bool own_depth =
+        pass == CSM_STEP_SHADOW_MAP && !frame->settings.effects[CSM_EFFECT_WARPED];
+    return pass_files[pass].stage_files[1] && !own_depth ? 2 : 1;
+}
 
 /* Number after "0:" or "0(" at the start of a log line; 0 if there is none. */
 static long flat_line(const char *text, const char **after) {
@@ -112,7 +120,8 @@ static csm_status link_program(csm_frame *frame, csm_pass pass, GLuint *out_name
     GLuint shaders[2] = {0, 0}, name = 0;
     GLint linked = 0;
     csm_status status = CSM_OK;
-    for (int i = 0; i < 2 && pass_files[pass].stage_files[i] && status == CSM_OK; i++) {
+    const int stages = stage_count(frame, pass);
+    for (int i = 0; i < stages && status == CSM_OK; i++) {
         status = compile_stage(frame, pass, pass_files[pass].stage_files[i],
                                pass_files[pass].stages[i], &shaders[i], err);
     }

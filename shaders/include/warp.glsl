@@ -32,3 +32,10 @@ vec4 warp_clip(vec2 local, float depth, int cascade)
     return vec4(across.x * local.x + across.y * local.y + across.z, rows.x * local.y + rows.y, depth,
                 rows.z * local.y + rows.w);
 }
+
+// w where clip y, after the division, is this: 1 / w is linear over the map.
+float warp_divisor(float clip_y, int cascade)
+{
+    vec4 rows = warp.rows[cascade];
+    return (rows.x * rows.w - rows.y * rows.z) / (rows.x - clip_y * rows.z);
+}
