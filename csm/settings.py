@@ -64,7 +64,8 @@ class ShadowSettings:
         scene's bounds [Stone]_; ``"focus"``, that again cut to the parts of the scene in it;
         ``"visible"``, round what is seen. docs/numerics.md 4, 5, 20 and 22.
     turned : bool
-        Windows of ``fit="visible"`` turned to the rectangle of smallest area.
+        Windows of ``fit="visible"`` turned to the rectangle of smallest area; not snapped then, and
+        the light basis is orthonormal. Means nothing for other fits and under a warp.
     light_basis : {"orthonormal", "world", "transported"}
         Axes of light space: from the sun's direction alone; skewed along the world's axes, so that
         the grid on the ground does not move with the sun [theomader] [Stone], orthonormal where
@@ -80,7 +81,7 @@ class ShadowSettings:
     level_spacing : {"linear", "geometric"}
         How the window sizes of ``snap="approximate"`` are spaced.
     level_count : int
-        Number of those sizes, 1 to 4096.
+        Number of those sizes, 1 to 4096. Like the spacing, for ``snap="approximate"`` alone.
     level_hysteresis : int
         Levels by which a held size may be too large, 0 to 16.
     warp : {"none", "lispsm", "psm", "tsm"}
@@ -90,15 +91,18 @@ class ShadowSettings:
         slice, so a near plane far before the nearest surface wastes most of a map.
     select : {"map", "interval", "frustum"}
         The first map that holds the point with its kernel, the cascade whose view depths hold it,
-        or the first light frustum that holds the point itself.
+        or the first light frustum that holds the point itself [Sylvan]_: without a kernel the same
+        as ``"map"``.
     texcoord : {"position", "interpolated"}
         Light coordinates from the receiver's position, or interpolated from its vertices.
     cull : {"inclusive", "none", "exclusive"}
         Draw only casters that can reach what the camera sees; ``"exclusive"`` leaves out also what
-        lies wholly under a finer map's window [Stone]_. Changes no mask.
+        lies wholly under a finer map's window [Stone]_; inclusive under ``select="interval"``,
+        `pancake`, ``depth_range="window"``, a warp or a single cascade. Changes no mask.
     depth_range : {"scene", "window", "manual"}
         Near and far of the maps, modes of [MSDN]: of the scene's box; of its part within the light
         frustum; or given, where casters outside are lost and receivers outside are in no map.
+        Means nothing under `pancake`.
     manual_depth_range : tuple of float
         Light-view depths [m] of clip z 0 and 1 under ``depth_range="manual"``.
     pancake : bool
