@@ -72,6 +72,7 @@ class ShadowSettings:
         the sun is below 20.7 degrees; or carried on from the frame before. The listing of
         [theomader] quantises by ``1 / W`` instead of W over the texels, adds the width to the
         upper end and anchors the grid at the moving light (docs/numerics.md 18).
+        Means nothing under a warp and for `turned` windows.
     sun_step_deg : float
         The maps' sun moves in steps of this [degrees], 0 to 90; 0: with the sun.
     snap : {"exact", "none", "approximate"}
