@@ -17,6 +17,7 @@ OWN = {
     "clipped": True,
     "focus": True,
     "visible": True,
+    "visible, turned": True,
 }
 ANGLES = [0, 1e-9, 1e-6, 1e-3, 5, 30, 60, 90, 120, 175, 180]
 FOVS = [15, 60, 95, 150]
@@ -69,17 +70,19 @@ def check_fit(fit, padding, angle, fov, rng, **changes):
     """(missed points, problems told, points) of one fit to one view."""
     camera = turned(rng, fov, eye=rng.normal(size=3) * 100)
     scene = None
-    if fit in ("clipped", "focus") or (fit != "visible" and rng.uniform() < 0.5):
+    visible = fit.startswith("visible")
+    if fit in ("clipped", "focus") or (not visible and rng.uniform() < 0.5):
         size = 10.0 ** rng.uniform(0.5, 2)
         middle = camera.eye - 0.5 * size * camera.backward
         scene = scene_of(middle + np.sort(rng.normal(size=(2, 3)), axis=0) * size)
     settings = csm.ShadowSettings(
-        fit=fit, map_size=256, cascade_count=1 + padding % 4,
+        fit="visible" if visible else fit, turned=fit.endswith("turned"),
+        map_size=256, cascade_count=1 + padding % 4,
         filter="pcf" if padding else "hard", filter_size=2 * padding + 1 if padding else 3,
         **changes,
     )  # fmt: skip
     receivers = None
-    if fit == "visible":
+    if visible:
         receivers = seen_points(camera, (camera.near, camera.far), None, rng)[0]
     sun = sun_at(camera, angle, rng)
     cascades = csm.fit_cascades(camera, sun, settings, scene=scene, receivers=receivers)

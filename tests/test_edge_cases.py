@@ -12,8 +12,8 @@ import csm
 from csm import _core, shapes
 
 TABLE = {row["name"]: row["choices"].split() for row in _core.effect_table()}
-# The fit to visible receivers takes its points from the view pass: its own tests give it some.
-FITS = [fit for fit in TABLE["fit"] if fit != "visible"]
+FITS = {fit: {"fit": fit} for fit in TABLE["fit"]}
+FITS["visible, turned"] = {"fit": "visible", "turned": True}
 OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "normal", "shadow_maps")
 SUN = csm.Sun((0.6, 0.8, 0.0))
 
@@ -62,7 +62,7 @@ def oddities():
 @pytest.mark.parametrize("pancake", [False, True], ids=["range", "pancake"])
 def test_r1_odd_triangles_under_every_sun(figure, renderer, fit, pancake):
     scene, worst, shown = oddities(), -1, None
-    settings = csm.ShadowSettings(map_size=128, fit=fit, pancake=pancake)
+    settings = csm.ShadowSettings(map_size=128, pancake=pancake, **FITS[fit])
     for number, to_light in enumerate(
         [SUN.to_light, (0, 1, 0), (1, 1e-9, 0), (0.3, -0.5, 0.2), (0, -1, 0)]
     ):
@@ -134,7 +134,7 @@ def extreme_cameras():
 
 @pytest.mark.parametrize("fit", FITS)
 def test_w1_extreme_cameras_are_drawn(figure, renderer, fit):
-    settings = csm.ShadowSettings(map_size=128, fit=fit)
+    settings = csm.ShadowSettings(map_size=128, **FITS[fit])
     wrong = uncovered = moved = seen = 0
     shown = None
     for camera in extreme_cameras():
@@ -167,7 +167,7 @@ def test_w1_extreme_cameras_are_drawn(figure, renderer, fit):
 LIGHT_ANGLES = (0, 1e-9, 1e-6, 1e-3, 5, 30, 60, 90, 120, 175, 180)  # deg, from the view
 
 
-@pytest.mark.parametrize("fit", FITS)
+@pytest.mark.parametrize("fit", [fit for fit in FITS if not fit.startswith("visible")])
 @pytest.mark.parametrize(
     "padding",
     [0, *(pytest.param(p, marks=pytest.mark.slow) for p in (1, 2)), 3,
@@ -177,7 +177,7 @@ def test_c2_points_of_the_view_through_every_fit(figure, renderer, fit, padding)
     rng = np.random.default_rng(50 + padding)
     scene = scene_of([[-400, -400, -400], [400, 400, 400]])
     kernel = {"filter": "pcf", "filter_size": 2 * padding + 1} if padding else {}
-    settings = csm.ShadowSettings(map_size=256, fit=fit, view_range="camera", **kernel)
+    settings = csm.ShadowSettings(map_size=256, view_range="camera", **FITS[fit], **kernel)
     coarser = lost = beyond = unlit = 0
     for angle, fov in zip(LIGHT_ANGLES, np.resize([15, 60, 95, 150], 11), strict=True):
         camera = turned(rng, fov, near=0.5, far=60.0, size=(32, 18))
@@ -210,3 +210,41 @@ def test_c2_points_of_the_view_through_every_fit(figure, renderer, fit, padding)
     figure("C2", f"{fit}: points of the view in no map", lost, 0, "points")
     figure("C2", "indices of no cascade", beyond, 0, "points")
     figure("C2", "points in no map that are not lit", unlit, 0, "points")
+
+
+@pytest.mark.parametrize("fit", ["visible", "visible, turned"])
+@pytest.mark.parametrize("padding", [0, 3, pytest.param(7, marks=pytest.mark.slow)])
+def test_c2_pixels_of_the_view_through_windows_round_them(figure, renderer, fit, padding):
+    # These windows owe their slice's points nothing, only what is seen of it and faces the sun.
+    scene = small_scenes.soup()
+    kernel = {"filter": "pcf", "filter_size": 2 * padding + 1} if padding else {}
+    settings = csm.ShadowSettings(map_size=256, **FITS[fit], **kernel)
+    coarser = lost = seen = 0
+    worst, shown = -1, None
+    for number, angle in enumerate(LIGHT_ANGLES):
+        camera = small_scenes.camera(number % 4)
+        turn = np.radians(angle)
+        sun = csm.Sun(-np.cos(turn) * camera.backward + np.sin(turn) * camera.up)
+        by_map, by_interval = (
+            renderer.render(
+                scene, camera, sun, settings.replace(select=select), outputs=OUTPUTS
+            )
+            for select in ("map", "interval")
+        )  # fmt: skip
+        # The normal and the sun are float32 to the shaders: edge-on, either may decide.
+        facing = by_map.valid & (by_map.normal @ sun.to_light > 1e-6)
+        both = facing & (by_interval.cascade_index != 255)
+        above = both & (by_map.cascade_index > by_interval.cascade_index)
+        away = facing & (by_map.cascade_index == 255)
+        seen += np.count_nonzero(facing)
+        coarser += np.count_nonzero(above)
+        lost += np.count_nonzero(away | (facing & ~both))
+        if np.count_nonzero(above | away) > worst:
+            worst, shown = np.count_nonzero(above | away), by_map.cascade_index
+    assert seen > 10_000
+    picture = np.where(shown == 255, 255, 60 * shown.astype(int)).astype(np.uint8)
+    figure(
+        "C2", f"{fit}: pixels' index by map above that by interval", coarser, 0, "pixels",
+        picture=picture,
+    )  # fmt: skip
+    figure("C2", f"{fit}: pixels that face the sun and are in no map", lost, 0, "pixels")
