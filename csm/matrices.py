@@ -24,8 +24,11 @@ def read_matrices(clip_from_world, splits, map_size, clip_z):
         raise ValueError(f"splits must ascend (got {splits.tolist()})")
     sizes = _checked_sizes(map_size, count)
     near_z, far_z = as_vector("clip_z", clip_z, 2)
-    if near_z == far_z:
-        raise ValueError(f"clip_z must be two different depths (got {near_z:g}, {far_z:g})")
+    if sorted((near_z, far_z)) not in ([0.0, 1.0], [-1.0, 1.0]):
+        raise ValueError(
+            "clip_z must be (0, 1), (-1, 1), or either of them reversed "
+            f"(got {near_z:g}, {far_z:g})"
+        )
 
     clip = matrices.copy()
     clip[:, 2] = (matrices[:, 2] - near_z * matrices[:, 3]) / (far_z - near_z)

@@ -148,6 +148,11 @@ SETTING_VALUES = [
         lambda: settings(cascade_count=2, split="percentages", manual_splits=(120.0,))),
     bad("depth range from far to near", "manual_depth_range|ascending|5, -5",
         lambda: settings(depth_range="manual", manual_depth_range=(5.0, -5.0))),
+    bad("receivers that are no numbers", "receivers|finite|number 1 is",
+        lambda: csm.fit_cascades(
+            CAMERA, SUN, SETTINGS, receivers=[(0.0, 0, 0), (0, np.nan, 0)])),
+    bad("another clip range", "clip_z|(0, 1), (-1, 1)|0, 2",
+        lambda: csm.Cascades.from_matrices(np.eye(4)[None], [1, 2], 64, clip_z=(0, 2))),
     bad("held by a number", "held|csm.Cascades|3",
         lambda: csm.fit_cascades(CAMERA, SUN, SETTINGS, held=3), TypeError),
     bad("fit without a camera", "camera|csm.Camera|NoneType",

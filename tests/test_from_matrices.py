@@ -188,7 +188,7 @@ def test_bad_matrices_are_refused_by_name():
         (good, splits[::-1], 256, (0, 1), "splits must ascend"),
         (good, splits, (256, 256), (0, 1), "map_size must be one number or one for each"),
         (good, splits, 0, (0, 1), "map_size must be"),
-        (good, splits, 256, (1, 1), "two different depths"),
+        (good, splits, 256, (1, 1), r"clip_z must be \(0, 1\)"),
     ]
     for clip, edges, size, clip_z, match in cases:
         with pytest.raises(ValueError, match=match):

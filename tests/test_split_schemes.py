@@ -183,10 +183,10 @@ def test_one_cascade_or_splits_by_hand_have_no_first_split():
 @pytest.mark.parametrize(
     ("changes", "text"),
     [
-        ({"first_split": 0.05}, "first_split must lie between near 0.1 and far 1000 .* 0.05"),
-        ({"first_split": 0.1}, "first_split must lie between near 0.1"),
-        ({"first_split": 1000.0}, "first_split must lie between .* far 1000 .*got 1000"),
-        ({"first_split": 4.0, "max_distance": 3.0}, "first_split must lie between .* far 3 "),
+        ({"first_split": 0.05}, "first_split must lie between .*near 0.1 .*, 1000 .* 0.05"),
+        ({"first_split": 0.1}, "first_split must lie between .* near 0.1"),
+        ({"first_split": 1000.0}, "first_split must lie between .* 1000 .*got 1000"),
+        ({"first_split": 4.0, "max_distance": 3.0}, "first_split must lie between .* max_distance, 3 "),
         ({"max_distance": 0.1}, "max_distance must be > the camera's near .* 0.1, near 0.1"),
         ({"split": "manual", "manual_splits": (1, 2, 9), "max_distance": 9.0}, "manual_splits"),
         ({"split": "sdsm"}, "split sdsm needs receivers"),
@@ -329,9 +329,7 @@ def test_receivers_out_of_the_range_do_not_count():
     for split in SEEN:
         alone = fitted(view, setting(split), receivers=seen)
         among = fitted(view, setting(split), receivers=np.concatenate([seen, others]))
-        lost = np.concatenate([seen, np.full((2, 3), np.nan), np.full((1, 3), np.inf)])
         assert np.array_equal(alone.splits, among.splits)
-        assert np.array_equal(alone.splits, fitted(view, setting(split), receivers=lost).splits)
 
 
 @pytest.mark.parametrize("points", [np.empty((0, 3)), [[0.0, 0.0, 900.0]]], ids=["none", "behind"])

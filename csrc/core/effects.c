@@ -45,8 +45,9 @@ static void check_manual_splits(const csm_settings *settings, int count, csm_err
     for (int i = 0; i < count - 1; i++) {
         double here = settings->manual_splits[i];
         if (!isfinite(here) || !(here > before) || (percents && !(here < 100.0))) {
-            csm_fail_more(err, "manual_splits must be %d ascending %s (number %d is %g)", count - 1,
-                          percents ? "percents between 0 and 100" : "view depths [m]", i + 1, here);
+            csm_fail_more(err, "manual_splits must be %d ascending %s (number %d is %g after %g)",
+                          count - 1, percents ? "percents between 0 and 100" : "view depths [m]",
+                          i + 1, here, before);
             return;
         }
         before = here;

@@ -22,13 +22,27 @@ static double right_of(const double a[2], const double b[2], const double c[2]) 
     return (c[1] - a[1]) * (b[0] - a[0]) - (c[0] - a[0]) * (b[1] - a[1]);
 }
 
+/* Points that rounding alone sets apart along x would be met in the order of that rounding, and a
+ * corner far up the same edge be taken for a spike: they share one x. */
+static void sort_points(double (*points)[2], size_t count, double tolerance) {
+    qsort(points, count, sizeof *points, compare_points);
+    double column = points[0][0];
+    for (size_t i = 1; i < count; i++) {
+        if (points[i][0] - column > 16.0 * tolerance) {
+            column = points[i][0];
+        }
+        points[i][0] = column;
+    }
+    qsort(points, count, sizeof *points, compare_points);
+}
+
 /* Andrew's monotone chain. */
 size_t csm_convex_hull(double (*points)[2], size_t count, double tolerance, size_t max,
                        double (*out)[2]) {
     if (count == 0) {
         return 0;
     }
-    qsort(points, count, sizeof *points, compare_points);
+    sort_points(points, count, tolerance);
     size_t size = 0;
     for (int half = 0; half < 2; half++) {
         const size_t start = size; /* lower chain left to right, then the upper one back */

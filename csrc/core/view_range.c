@@ -175,8 +175,8 @@ static csm_status limit_range(const csm_cascades_desc *desc, double *out_limit, 
     }
     if (first > 0.0 && !(first > near_depth && first < *out_limit)) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
-                        "first_split must lie between near %g and far %g of the view range (got "
-                        "%g)",
+                        "first_split must lie between the camera's near %g and its far or "
+                        "max_distance, %g (got %g)",
                         near_depth, *out_limit, first);
     }
     return CSM_OK;
