@@ -225,10 +225,13 @@ def check_cascades(
         for one, frame_camera, points in zip(sets, cameras, seen, strict=True)
     ]
     problems = []
+    agreed = sum(one["mirrored"] for one in measured[0]) * 2 > len(measured[0])
     for frame, cascade_list in enumerate(measured):
         for i, found in enumerate(cascade_list):
-            problems += _coverage_problems(sets[frame], i, frame, found, select, seen[frame])
-        problems += _handedness_problems(sets[frame], frame, cascade_list, measured[0])
+            problems += _coverage_problems(
+                sets[frame], i, frame, found, select, seen[frame], agreed
+            )
+        problems += _handedness_problems(sets[frame], frame, cascade_list, measured[0], agreed)
     for i in range(sets[0].count):
         problems += _motion_problems(sets, cameras, i)
     problems.sort(key=lambda problem: (problem.frame, problem.cascade, KINDS.index(problem.kind)))
@@ -310,7 +313,7 @@ def _place(point):
     return "({:.6g}, {:.6g}, {:.6g})".format(*point)
 
 
-def _coverage_problems(cascades, i, frame, found, select, receivers):
+def _coverage_problems(cascades, i, frame, found, select, receivers, agreed):
     """Gap, overflow and depth of one cascade in one frame."""
     near, far = cascades.splits[i : i + 2]
     what = "receivers of" if receivers is not None else "part of"
@@ -336,7 +339,8 @@ def _coverage_problems(cascades, i, frame, found, select, receivers):
     depths = {
         name: (found[name], f"{slice_text} {{:.4g}} m {side}") for name, side in sides.items()
     }
-    if not cascades.pancake and not found["mirrored"]:
+    # which end casters stand before is in doubt only where a map disagrees with the others
+    if not cascades.pancake and found["mirrored"] == agreed:
         text = "casters may stand {:.4g} m before the near"
         depths["caster"] = found["caster"], f"over slice {i} {text}"
     worst = max(depths.values(), key=lambda pair: pair[0][0])
@@ -346,9 +350,8 @@ def _coverage_problems(cascades, i, frame, found, select, receivers):
         yield CheckProblem("depth", i, frame, amount, "m", text, (point,))
 
 
-def _handedness_problems(cascades, frame, measured, first):
+def _handedness_problems(cascades, frame, measured, first, agreed):
     """Maps that are mirrored, or look the other way, against most of the others."""
-    agreed = sum(one["mirrored"] for one in first) * 2 > len(first)
     reference = np.sum([one["to_light"] for one in first], axis=0)
     for i, one in enumerate(measured):
         if np.linalg.det(cascades.light_from_world[i][:3, :3]) <= 0.0:

@@ -263,6 +263,24 @@ def test_a_depth_range_that_moves_by_whole_quanta_is_sound(quanta):
     assert csm.check_cascades(sets, [CAMERA] * 6).ok
 
 
+@pytest.mark.parametrize("clip_z", [(0, 1), (-1, 1), (1, 0)])
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_lost_casters_are_found_in_maps_of_either_handedness(mirrored, clip_z):
+    """A depth range of the slice alone under a world 3 km high."""
+    scene = scene_of([[-18000, 0, -18000], [18000, 3000, 18000]])
+    settings = SPHERE.replace(depth_range="manual", manual_depth_range=(-90.0, 90.0))
+    low = csm.fit_cascades(CAMERA, csm.Sun((0, 1, 0.01)), settings)
+    clip = low.clip_from_world.copy()
+    near, far = clip_z
+    clip[:, 2] = near * clip[:, 3] + (far - near) * clip[:, 2]
+    clip[:, 0] *= -1 if mirrored else 1
+    foreign = csm.Cascades.from_matrices(clip, low.splits, low.map_size, clip_z=clip_z)
+    check = csm.check_cascades(foreign, CAMERA, scene=scene)
+    lost = [problem for problem in check.problems if problem.kind == "depth"]
+    assert len(lost) == 4
+    assert all(2500 < problem.amount < 3100 for problem in lost)
+
+
 @pytest.mark.parametrize("culprit", range(4))
 def test_a_mirrored_map_among_others_is_found(culprit):
     good = csm.fit_cascades(CAMERA, SUN, SPHERE)

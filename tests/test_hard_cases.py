@@ -60,7 +60,9 @@ def test_every_case_stands_in_the_docs():
     rows = re.findall(r"^\| ([A-Z]\d) \|.*\|(.*)\|$", section, flags=re.MULTILINE)
     assert [case for case, _ in rows] == list(hard_cases.CASES)
     for case, files in rows:
-        for name in re.findall(r"`(test_\w+\.py)`", files):
+        names = re.findall(r"`(test_\w+\.py)`", files)
+        assert names, f"no test of {case} is named"
+        for name in names:
             text = (TESTS / name).read_text()
             assert re.search(rf"def test(_[a-z]\d)*_{case.lower()}_", text), f"{name} has no {case}"
 

@@ -89,6 +89,7 @@ def test_windows_are_as_tight_as_the_receivers_allow(renderer, camera, turned):
     frame = renderer.render(scene, camera, sun, settings)
     truth = csm.truth(scene, camera, sun)
     depth = -(truth.position - camera.eye) @ camera.backward
+    compared = 0
     for i in range(4):
         low, high = frame.cascades.splits[i : i + 2]
         own = judged(truth) & (depth > low) & (depth <= high)
@@ -101,6 +102,8 @@ def test_windows_are_as_tight_as_the_receivers_allow(renderer, camera, turned):
         assert (window >= extent).all()
         least = 256 * 2.0**-20 * 61
         assert (window <= np.maximum(extent + 4 * 2.0**-20 * 61, least) * (1 + 1e-4)).all()
+        compared += 1
+    assert compared
 
 
 def test_turned_windows_are_the_smallest_rectangles():
@@ -144,14 +147,15 @@ def test_points_and_pixels_fit_the_same_windows(renderer):
 @pytest.mark.parametrize("power", [4, 6, 7])
 def test_x3_far_from_the_origin(renderer, figure, power):
     offset = (10.0**power, 0, -(10.0**power))
-    sun, settings = csm.Sun(SUNS["high"]), csm.ShadowSettings(fit="visible", map_size=256)
+    sun = csm.Sun(SUNS["high"])
+    # without snapping the window goes along; a lattice has another phase there
+    settings = csm.ShadowSettings(fit="visible", map_size=256, snap="none")
     here = renderer.render(yard(), cameras()["eye level"], sun, settings)
     there = renderer.render(yard(offset), cameras(offset)["eye level"], sun, settings)
     both = here.valid & there.valid
     assert (there.cascade_index[there.valid & (there.mask > 0)] != 255).all()
     different = (abs(here.mask - there.mask) > 0.5)[both].mean()
-    # another lattice phase there moves edges by up to a texel: shadows stay, edges may differ
-    figure("X3", "mask far away, fit visible", different, 0.03, unit="share of pixels")
+    figure("X3", "mask far away, fit visible", different, 1e-4, unit="share of pixels")
 
 
 # -- motion ----------------------------------------------------------------------------------------

@@ -191,7 +191,7 @@ csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int
     }
     const double rounding =
         out->stretch * box_rounding(desc->scene_bounds ? desc->scene_bounds : extent);
-    const double least = 0.5 * settings->map_size[i] * rounding;
+    const double least = 0.5 * settings->map_size[i] * rounding + 1e-30; /* a scene of one point */
     for (int axis = 0; axis < 2; axis++) {
         const bool empty = seen.low[axis] > seen.high[axis];
         double half = empty ? 0.0 : 0.5 * (seen.high[axis] - seen.low[axis]);
