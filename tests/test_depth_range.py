@@ -23,7 +23,9 @@ def settings_for(mode, **more):
 
 @pytest.mark.parametrize("depth_format", LEVELS)
 @pytest.mark.parametrize("mode", ["pancake", "window", "manual", "scene"])
-@pytest.mark.parametrize("extent", [10.0, 1e4])
+@pytest.mark.parametrize(
+    "extent", [10.0, 1e4, *(pytest.param(span, marks=pytest.mark.slow) for span in (100.0, 1e3))]
+)
 def test_d3_static_points_keep_their_stored_depth(figure, mode, depth_format, extent):
     # Float32 has no even quanta: near moves by 1/256 of the span, exact in it, and a stored depth
     # by the rounding of its binade, half a quantum of 24 bits.

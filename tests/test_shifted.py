@@ -54,9 +54,10 @@ def test_y1_a_slice_shifts_only_beyond_the_hidden_condition(figure, k, ratio):
         figure("Y1", "whole cross-section from its roots", miss, 1e-9, "of far")
 
 
+@pytest.mark.parametrize("points", [3000, pytest.param(100_000, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("k", SLOPES)
 @pytest.mark.parametrize("count", range(1, 7))
-def test_y1_a_chain_leaves_no_gap(figure, k, count):
+def test_y1_a_chain_leaves_no_gap(figure, k, count, points):
     rng = np.random.default_rng(50)
     late = loss = -1.0
     gaps = 0
@@ -69,7 +70,8 @@ def test_y1_a_chain_leaves_no_gap(figure, k, count):
         assert (centres[:, 2] >= plain[:, 2]).all()
         late = max(late, (whole[1:, 0] - whole[:-1, 1]).max(initial=-1) / ratio)
         loss = max(loss, whole[0, 0] - 1.0, (ratio - whole[-1, 1]) / ratio)
-        depth = np.concatenate([rng.uniform(1, ratio, 1500), ratio ** rng.uniform(0, 1, 1500)])
+        half = points // 2
+        depth = np.concatenate([rng.uniform(1, ratio, half), ratio ** rng.uniform(0, 1, half)])
         depth = np.concatenate([depth, splits, whole.ravel().clip(1, ratio)])
         share = rng.uniform(-1, 1, (len(depth), 2))
         for side in (np.sign(share), share):  # corner rays, then inside
