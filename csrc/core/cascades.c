@@ -212,7 +212,14 @@ csm_status csm_cascades_place(const csm_cascades_desc *desc, csm_cascades *out, 
 csm_status csm_cascades_fit(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err) {
     csm_settings settings;
     csm_status status = csm_cascades_place(desc, out, err);
-    const csm_cascades_desc copy = canonical(desc, &settings);
+    csm_cascades_desc copy = canonical(desc, &settings);
+    csm_receivers turned;
+    if (status == CSM_OK && settings.effects[CSM_EFFECT_TURNED] && copy.receivers &&
+        !copy.receivers->turned) {
+        turned = *copy.receivers;
+        status = csm_receivers_turns(&copy, out, turned.turns, err);
+        copy.receivers = &turned;
+    }
     for (int i = 0; status == CSM_OK && i < out->count; i++) {
         status = fit_cascade(&copy, i, out, err);
     }

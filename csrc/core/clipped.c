@@ -7,32 +7,19 @@
 #include "placement.h"
 
 #include "frustum.h"
+#include "hull.h"
 #include "linalg.h"
 
-/* In light x, y, relative to the eye; empty where low > high. */
-typedef struct rectangle {
-    double low[2], high[2];
-} rectangle;
-
-static const rectangle nothing = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
-
-static void grow(rectangle *out, const double low[2], const double high[2]) {
-    for (int axis = 0; axis < 2; axis++) {
-        out->low[axis] = fmin(out->low[axis], low[axis]);
-        out->high[axis] = fmax(out->high[axis], high[axis]);
-    }
-}
-
 /* Round the part of the slice inside bounds. */
-static rectangle round_slice(const csm_camera *camera, const double light_from_world[16],
-                             double near_depth, double far_depth, const double bounds[6]) {
+static csm_rectangle round_slice(const csm_camera *camera, const double light_from_world[16],
+                                 double near_depth, double far_depth, const double bounds[6]) {
     double points[CSM_CLIP_MAX][3];
     const int count = csm_frustum_clip_box(camera, near_depth, far_depth, bounds, points);
-    rectangle out = nothing;
+    csm_rectangle out = csm_rectangle_nothing();
     for (int i = 0; i < count; i++) {
         double point_ls[3];
         mat4_rotate(light_from_world, points[i], point_ls);
-        grow(&out, point_ls, point_ls);
+        csm_rectangle_grow(&out, point_ls, point_ls);
     }
     return out;
 }
@@ -40,16 +27,16 @@ static rectangle round_slice(const csm_camera *camera, const double light_from_w
 /* Round what the parts that meet the slice have in the rectangle within. Whatever throws a shadow
  * that is seen stands over one of them: casters outside are drawn, but need no texels of their
  * own. */
-static rectangle round_parts(const csm_cascades_desc *desc, const double light_from_world[16],
-                             double near_depth, double far_depth, double margin,
-                             const rectangle *within) {
+static csm_rectangle round_parts(const csm_cascades_desc *desc, const double light_from_world[16],
+                                 double near_depth, double far_depth, double margin,
+                                 const csm_rectangle *within) {
     const csm_camera *camera = &desc->camera;
     const double *m = light_from_world;
     double planes[CSM_PLANE_COUNT][4];
     csm_camera at_origin = *camera;
     memset(at_origin.eye, 0, sizeof at_origin.eye);
     csm_frustum_planes(&at_origin, near_depth, far_depth, planes);
-    rectangle out = nothing;
+    csm_rectangle out = csm_rectangle_nothing();
     for (size_t i = 0; i < desc->box_count; i++) {
         const double *box = (const double *)((const char *)desc->boxes + i * desc->box_stride);
         if (!csm_planes_meet_box((const double(*)[4])planes, camera->eye, box, margin)) {
@@ -69,7 +56,7 @@ static rectangle round_parts(const csm_cascades_desc *desc, const double light_f
             high[axis] = fmin(centre[axis] + reach, within->high[axis]);
         }
         if (low[0] <= high[0] && low[1] <= high[1]) {
-            grow(&out, low, high);
+            csm_rectangle_grow(&out, low, high);
         }
     }
     return out;
@@ -85,9 +72,10 @@ void csm_fit_clipped(const csm_cascades_desc *desc, csm_cascades *out, int i, cs
     const double rounding = out->stretch * box_rounding(desc->scene_bounds);
     double bounds[6], eye_ls[3];
     box_widen(desc->scene_bounds, rounding, bounds);
-    rectangle held = round_slice(&desc->camera, basis, near_depth, far_depth, bounds);
+    csm_rectangle held = round_slice(&desc->camera, basis, near_depth, far_depth, bounds);
     if (desc->settings->effects[CSM_EFFECT_FIT] == CSM_FIT_FOCUS && desc->boxes) {
-        const rectangle parts = round_parts(desc, basis, near_depth, far_depth, rounding, &held);
+        const csm_rectangle parts =
+            round_parts(desc, basis, near_depth, far_depth, rounding, &held);
         held = parts.low[0] <= parts.high[0] ? parts : held;
     }
     if (held.low[0] > held.high[0]) {

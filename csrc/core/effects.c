@@ -147,7 +147,6 @@ void csm_settings_canonical_placement(csm_settings *settings) {
     }
     if (effects[CSM_EFFECT_WARP] != CSM_WARP_NONE) {
         reset(settings, CSM_EFFECT_TURNED); /* a warp turns its windows itself */
-        reset(settings, CSM_EFFECT_LIGHT_BASIS);
     }
     if (effects[CSM_EFFECT_TURNED] || effects[CSM_EFFECT_WARP] != CSM_WARP_NONE) {
         /* their texels are not the world's */

@@ -2,7 +2,26 @@
 #ifndef CSM_HULL_H
 #define CSM_HULL_H
 
+#include <math.h>
+
 #include "csm.h"
+
+/* Empty where low > high. */
+typedef struct csm_rectangle {
+    double low[2], high[2];
+} csm_rectangle;
+
+static inline csm_rectangle csm_rectangle_nothing(void) {
+    return (csm_rectangle){{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
+}
+
+static inline void csm_rectangle_grow(csm_rectangle *out, const double low[2],
+                                      const double high[2]) {
+    for (int axis = 0; axis < 2; axis++) {
+        out->low[axis] = fmin(out->low[axis], low[axis]);
+        out->high[axis] = fmax(out->high[axis], high[axis]);
+    }
+}
 
 /* Convex hull, counter-clockwise, into out (room for max corners). Points are sorted in place. A
  * point within tolerance of the line between its neighbours is left out. Returns the number of

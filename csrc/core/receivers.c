@@ -1,8 +1,8 @@
 /* receivers.c: ranges and windows from what is seen: the visible surfaces that face the sun.
  *
  * In: world points, or the sums of a pass over the pixels. Out: depths for the splits, and for each
- * cascade the rectangle of its receivers in light x, y (docs/numerics.md 22): what Lauritzen, Salvi
- * and Lefohn 2011, "Sample distribution shadow maps", call tight light-space bounds.
+ * cascade the csm_rectangle of its receivers in light x, y (docs/numerics.md 22): what Lauritzen,
+ * Salvi and Lefohn 2011, "Sample distribution shadow maps", call tight light-space bounds.
  */
 #include "placement.h"
 
@@ -57,20 +57,6 @@ bool csm_receivers_depths(const csm_cascades_desc *desc, double out_range[2],
     return out_range[0] <= out_range[1];
 }
 
-/* Light-space box of receivers: {min x, y, max x, y}, empty where min > max. */
-typedef struct rectangle {
-    double low[2], high[2];
-} rectangle;
-
-static const rectangle nothing = {{INFINITY, INFINITY}, {-INFINITY, -INFINITY}};
-
-static void grow(rectangle *out, const double low[2], const double high[2]) {
-    for (int axis = 0; axis < 2; axis++) {
-        out->low[axis] = fmin(out->low[axis], low[axis]);
-        out->high[axis] = fmax(out->high[axis], high[axis]);
-    }
-}
-
 /* False unless point k is a receiver of cascade i; its light x, y, z relative to the eye. */
 static bool receiver_of(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
                         size_t k, double out_ls[3]) {
@@ -87,11 +73,12 @@ static bool receiver_of(const csm_cascades_desc *desc, const csm_cascades *casca
     return true;
 }
 
-/* The rectangle round the receivers of cascade i relative to *out_origin, a point in light x, y. */
-static rectangle enclose(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
-                         double out_origin[2]) {
+/* The csm_rectangle round the receivers of cascade i relative to *out_origin, a point in light x,
+ * y. */
+static csm_rectangle enclose(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
+                             double out_origin[2]) {
     const csm_receivers *seen = desc->receivers;
-    rectangle out = nothing;
+    csm_rectangle out = csm_rectangle_nothing();
     double origin_ls[3], at[3];
     mat4_rotate(cascades->light_from_world[i], seen->points ? desc->camera.eye : seen->box_origin,
                 origin_ls);
@@ -99,12 +86,12 @@ static rectangle enclose(const csm_cascades_desc *desc, const csm_cascades *casc
     for (size_t k = 0; !seen->points && k < seen->box_count; k++) {
         const float *box = seen->boxes + 4 * (k * (size_t)cascades->count + (size_t)i);
         if (box[0] <= box[2]) {
-            grow(&out, (double[2]){box[0], box[1]}, (double[2]){box[2], box[3]});
+            csm_rectangle_grow(&out, (double[2]){box[0], box[1]}, (double[2]){box[2], box[3]});
         }
     }
     for (size_t k = 0; seen->points && k < seen->point_count; k++) {
         if (receiver_of(desc, cascades, i, k, at)) {
-            grow(&out, at, at);
+            csm_rectangle_grow(&out, at, at);
         }
     }
     return out;
@@ -167,19 +154,11 @@ csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int
                         "fit visible needs receivers, the points that the camera sees");
     }
     if (settings->effects[CSM_EFFECT_TURNED]) {
-        double turns[CSM_MAX_CASCADES];
-        if (desc->receivers->turned) {
-            memcpy(turns, desc->receivers->turns, sizeof turns);
-        } else {
-            const csm_status status = csm_receivers_turns(desc, out, turns, err);
-            if (status != CSM_OK) {
-                return status;
-            }
-        }
-        turn_basis(out->light_from_world[i], cos(turns[i]), sin(turns[i]));
+        const double turn = desc->receivers->turns[i];
+        turn_basis(out->light_from_world[i], cos(turn), sin(turn));
     }
     double origin[2];
-    const rectangle seen = enclose(desc, out, i, origin);
+    const csm_rectangle seen = enclose(desc, out, i, origin);
     *slab = csm_slice_bounds(&desc->camera, out->light_from_world[i], out->splits[i],
                              out->splits[i + 1]);
     /* Receivers are float32: a texel finer than their rounding tells nothing more, and a window

@@ -1,8 +1,8 @@
 /* pass_receivers.c: what the camera sees that faces the sun, summed up for the fit.
  *
- * The view's pixels are taken in blocks; each gives its range of depths, or a light-space box per
- * cascade. The host reads the blocks: a few hundred kilobytes, that core turns into splits and
- * windows.
+ * The view's pixels are taken in runs of a column; each gives its range of depths, or a light-space
+ * box per cascade. The host reads what they give, a few megabytes at most, and core turns it into
+ * splits and windows.
  */
 #include "gl_internal.h"
 

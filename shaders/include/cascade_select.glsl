@@ -27,12 +27,7 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.slope = frame.slope[cascade].xyw;
     here.constant_bias = frame.depth[cascade].z;
     here.scale = -frame.depth[cascade].x;
-    vec2 away = abs(here.texels - here.centre.xy);
-#if CSM_SELECT == CSM_SELECT_FRUSTUM
-    bool inside = max(away.x, away.y) < here.centre.z; // the kernel may reach over the rim
-#else
-    bool inside = max(away.x, away.y) < here.centre.z - frame.bias.z;
-#endif
+    bool inside = inside_window(here.texels, here.centre);
 #if CSM_NORMAL_OFFSET
     // an offset may lift what lies at the range's near end out of it: the surface itself decides
     float z = map_depth(surface_in_light(point).z, cascade);

@@ -59,6 +59,17 @@ vec2 lattice_texels(vec2 position_ls, int cascade)
     return position_ls * frame.window[cascade].xy + frame.window[cascade].zw;
 }
 
+// Whether a map answers for a point: centre is that of the window and half its side, in the texels of the point.
+bool inside_window(vec2 texels, vec4 centre)
+{
+    vec2 away = abs(texels - centre.xy);
+#if CSM_SELECT == CSM_SELECT_FRUSTUM
+    return max(away.x, away.y) < centre.z; // the kernel may reach over the rim
+#else
+    return max(away.x, away.y) < centre.z - frame.bias.z;
+#endif
+}
+
 float map_depth(float z_ls, int cascade)
 {
     return z_ls * frame.depth[cascade].x + frame.depth[cascade].y;

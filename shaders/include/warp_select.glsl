@@ -74,12 +74,7 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     float tilted = CSM_RECEIVER_PLANE == 1 ? 1.0 / 128.0 : 1.0 + 1.0 / 128.0;
     here.constant_bias += frame.bias.w * abs(here.tilt) * tilted;
     here.largest = frame.slope[cascade].w > 0.0 ? largest * here.scale : 0.0;
-    vec2 away = abs(here.texels - here.centre.xy);
-#if CSM_SELECT == CSM_SELECT_FRUSTUM
-    bool inside = max(away.x, away.y) < here.centre.z; // the kernel may reach over the rim
-#else
-    bool inside = max(away.x, away.y) < here.centre.z - frame.bias.z;
-#endif
+    bool inside = inside_window(here.texels, here.centre);
     return inside && in_range;
 }
 
