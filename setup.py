@@ -13,13 +13,13 @@ from setuptools.command.build_ext import build_ext
 
 # In the order of the data, from values to pictures to Python.
 CORE = (
-    "status effects scene hull splits splits_resolution splits_histogram frustum view_range"
+    "status filters effects scene hull splits splits_resolution splits_histogram frustum view_range"
     " light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
-    " light_window tetrahedra coverage_slices coverage coverage_move plan shader_source"
+    " light_window tetrahedra coverage_slices coverage coverage_move storage plan shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
-    " uniforms pass_view pass_receivers pass_shadow_map pass_shadow_mask"
+    " uniforms pass_view pass_receivers pass_shadow_map pass_shadow_filter pass_shadow_mask"
     " pass_shadow_forward renderer"
 )
 PY = (

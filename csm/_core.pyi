@@ -48,7 +48,8 @@ class _Effect(TypedDict):
     default: bool | int | str
     min: int
     max: int
-    passes: int  # bits: shadow_map 1, view 2, shadow_mask 4, CPU 8, shadow_forward 16, receivers 32
+    passes: int  # bits: shadow_map 1, view 2, shadow_mask 4, CPU 8, shadow_forward 16,
+    # receivers 32, shadow_moments 64, shadow_blur 128, shadow_sum 256
     choices: str
     help: str
 

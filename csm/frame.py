@@ -2,11 +2,12 @@
 
 import numpy as np
 
+from . import _core
 from .plans import OUTPUTS
 
 __all__ = ["Frame"]
 
-POINT_OUTPUTS = ("point_visibility", "point_cascade")
+POINT_OUTPUTS = ("point_visibility", "point_cascade", "point_blend_weight")
 
 
 class Frame:
@@ -18,8 +19,7 @@ class Frame:
         Visibility of the sun, 0 to 1, 1 = lit; row 0 is on top. 1 where `valid` is False, 0 where
         a surface does not face the sun.
     mask_single : (h, w) float32
-        The mask of the one cascade `cascade_index`, without blending between cascades: while no
-        setting blends, equal to `mask`. Only if asked for.
+        The mask of the one cascade `cascade_index`, without blend or fade. Only if asked for.
     valid : (h, w) bool
         A surface is seen there.
     view_depth : (h, w) float32
@@ -31,10 +31,13 @@ class Frame:
         ``[v, u]`` where the settings give the cascades different sizes. Under the
         default ``cull="inclusive"`` they hold what can shadow the picture; ``cull="none"`` draws
         everything.
+    moments : (n, size, size, k) float32, or a tuple of (size, size, k) float32
+        What a prefiltered filter looks up, ``[cascade, v, u, channel]``, after its blur; of summed
+        areas what each texel added. Only if asked for, and only under such a filter.
     normal : (h, w, 3) float32
         Geometric normal towards the camera, 0 where not valid; only if asked for.
-    point_visibility, point_cascade : (m,) float32, (m,) uint8
-        At the `points` of the render.
+    point_visibility, point_cascade, point_blend_weight : (m,) float32, uint8, float32
+        At the `points` of the render; the weight is that of the next cascade in the visibility.
     cascades : Cascades
     camera : Camera
     sun : Sun
@@ -68,6 +71,8 @@ class Frame:
             return self._arrays[name]
         if name == "shadow_maps" and self.settings.filter == "none":
             raise AttributeError("filter='none' makes no shadow_maps")
+        if name == "moments" and not _core.moment_numbers(self.settings):
+            raise AttributeError(f"filter={self.settings.filter!r} makes no moments")
         if name in OUTPUTS:
             raise AttributeError(f"{name} was not asked for: render with outputs=({name!r}, ...)")
         if name in POINT_OUTPUTS:
@@ -108,25 +113,33 @@ def array_shapes(camera, settings, outputs, point_count):
     image = (height, width)
     sizes = settings.map_size
     sizes = (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
-    maps = ((len(sizes), sizes[0], sizes[0]), np.float32)
-    if len(set(sizes)) > 1:
-        maps = tuple(((size, size), np.float32) for size in sizes)
+    numbers = _core.moment_numbers(settings)
     every = {
         "mask": (image, np.float32),
         "mask_single": (image, np.float32),
         "valid": (image, np.bool_),
         "view_depth": (image, np.float32),
         "cascade_index": (image, np.uint8),
-        "shadow_maps": maps,
+        "shadow_maps": _map_shapes(sizes, ()),
+        "moments": _map_shapes(sizes, (numbers,)),
         "normal": ((*image, 3), np.float32),
     }
     shapes = {name: every[name] for name in OUTPUTS if name in outputs}
     if settings.filter == "none":
         shapes.pop("shadow_maps", None)
+    if not numbers:
+        shapes.pop("moments", None)
     if point_count is not None:
         shapes["point_visibility"] = ((point_count,), np.float32)
         shapes["point_cascade"] = ((point_count,), np.uint8)
+        shapes["point_blend_weight"] = ((point_count,), np.float32)
     return shapes
+
+
+def _map_shapes(sizes, more):
+    if len(set(sizes)) == 1:
+        return ((len(sizes), sizes[0], sizes[0], *more), np.float32)
+    return tuple(((size, size, *more), np.float32) for size in sizes)
 
 
 def prepare_arrays(shapes, out):

@@ -11,8 +11,11 @@ __all__ = ["DEFAULT_OUTPUTS", "OUTPUTS", "Plan", "plan"]
 
 #: Outputs that can be asked for by name.
 OUTPUTS = (
-    "mask", "mask_single", "valid", "view_depth", "cascade_index", "shadow_maps", "normal",
+    "mask", "mask_single", "valid", "view_depth", "cascade_index", "shadow_maps", "moments",
+    "normal",
 )  # fmt: skip
+#: Those that are maps, not pictures.
+MAP_OUTPUTS = ("shadow_maps", "moments")
 DEFAULT_OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps")
 
 
@@ -32,6 +35,8 @@ class Texture(NamedTuple):
     width: int
     height: int
     layers: int
+    samples: int
+    levels: int
     bytes: int
 
 
@@ -42,7 +47,7 @@ class Plan:
     Attributes
     ----------
     passes : tuple of (name, cascade, program)
-    textures : tuple of (name, format, width, height, layers, bytes)
+    textures : tuple of (name, format, width, height, layers, samples, levels, bytes)
     programs : tuple of (pass name, key)
         Equal keys are one compiled program.
     bytes : int
@@ -62,6 +67,8 @@ class Plan:
         for texture in self.textures:
             size = f"{texture.width} x {texture.height} x {texture.layers}"
             what = f"{texture.name} {texture.format} {size}"
+            what += f", {texture.samples} samples" if texture.samples > 1 else ""
+            what += f", {texture.levels} levels" if texture.levels > 1 else ""
             lines.append(f"  texture  {what}: {texture.bytes:,} bytes")
         buffers = self.bytes - sum(texture.bytes for texture in self.textures)
         if buffers:
@@ -100,7 +107,7 @@ def output_bits(outputs, points=False):
     for name in names:
         if name not in OUTPUTS:
             raise ValueError(f"outputs may name {', '.join(OUTPUTS)} (got {name!r})")
-        bits |= _core.OUTPUTS["mask" if name == "mask_single" else name]
+        bits |= _core.OUTPUTS[name]
     if not bits:
         raise ValueError("outputs must name at least one output (got none)")
     return bits, names

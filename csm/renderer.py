@@ -15,7 +15,7 @@ from . import _core
 from .cascades import Cascades, check_kinds
 from .errors import ContextError, GLWarning, LimitError, ShaderError
 from .frame import Frame, array_shapes, prepare_arrays
-from .plans import DEFAULT_OUTPUTS, output_bits
+from .plans import DEFAULT_OUTPUTS, MAP_OUTPUTS, output_bits
 from .settings import ShadowSettings
 from .spaces import real_array
 
@@ -32,6 +32,8 @@ INSTALL_HINT = "install libegl1 and libgl1-mesa-dri, or libosmesa6"
 # this a frame must not depend on what was rendered before it.
 HELD_STEP_SHARE = 0.05  # of the view range
 HELD_TURN_COSINE = math.cos(math.radians(10.0))
+
+STAGES = {"auto": 0, "compute": 0, "fragment": 1}
 
 _alive = weakref.WeakSet()
 _orphans = []  # GLFW renderers that died off the main thread, which alone may close them
@@ -72,6 +74,9 @@ class Renderer:
         severity warn `GLWarning`. Slower.
     shader_dir : path, optional
         Folder of shaders to use instead of the package's own; see `reload`.
+    stage : {"auto", "compute", "fragment"}
+        Where passes over pixels and texels run: as compute shaders, or as fragments of a triangle
+        that covers them; both give the same. ``"auto"`` is the faster one.
 
     Raises
     ------
@@ -81,7 +86,7 @@ class Renderer:
         If no context can be made; the text says why for each back end.
     """
 
-    def __init__(self, backend="auto", *, debug=False, shader_dir=None):
+    def __init__(self, backend="auto", *, debug=False, shader_dir=None, stage="auto"):
         self._core = None
         self._lock = threading.RLock()
         self._forked = False
@@ -89,7 +94,7 @@ class Renderer:
         self._dropped = []  # handles of scenes that are gone, freed at the next call
         self._warned = set()
         self._walk = threading.local()  # .held: what the thread's last frame hands on
-        self._core = _open(backend, bool(debug), _shader_folder(shader_dir))
+        self._core = _open(backend, bool(debug), _shader_folder(shader_dir), _stage_number(stage))
         self._info = self._core.describe()
         _alive.add(self)
 
@@ -239,11 +244,10 @@ class Renderer:
                     scene.bounds.ravel(),
                     self._held(scene, camera, settings),
                     bits,
-                    {"mask": arrays["mask_single"], **arrays}
-                    if "mask_single" in arrays
-                    else arrays,
+                    arrays,
                     points,
                     point_normals,
+                    math.radians(sun.angular_diameter_deg),
                 )
             except ShaderError as error:
                 # every mesh of a scene has an instance: more of them, and one is drawn again
@@ -254,8 +258,6 @@ class Renderer:
                 self._tell_messages(core)
             cascades = Cascades(**result["cascades"])
             self._walk.held = (weakref.ref(scene), camera, settings, cascades)
-        if "mask_single" in arrays and "mask" in arrays:
-            arrays["mask_single"][...] = arrays["mask"]
         return Frame(
             arrays,
             cascades=cascades,
@@ -269,14 +271,14 @@ class Renderer:
     def _check_limits(self, textures, camera, outputs):
         # before arrays are made: what the driver cannot hold, the host's memory may not hold either
         limit = self._info["max_texture_size"]
-        for name, _, width, height, layers, _ in textures:
+        for name, _, width, height, layers, *_ in textures:
             if max(width, height) > limit:
                 raise LimitError(
                     f"{name} {width} x {height} x {layers} exceeds GL_MAX_TEXTURE_SIZE {limit}"
                 )
         limit, (width, height) = self._info["max_buffer_bytes"], camera.size
         for name in outputs:
-            if name != "shadow_maps" and width * height * (12 if name == "normal" else 4) > limit:
+            if name not in MAP_OUTPUTS and width * height * (12 if name == "normal" else 4) > limit:
                 raise LimitError(
                     f"{name} of {width} x {height} pixels exceeds "
                     f"GL_MAX_SHADER_STORAGE_BLOCK_SIZE {limit}"
@@ -380,6 +382,12 @@ def _finite_rows(name, rows):
     return rows
 
 
+def _stage_number(stage):
+    if stage not in STAGES:
+        raise ValueError(f"stage must be one of {', '.join(STAGES)} (got {stage!r})")
+    return STAGES[stage]
+
+
 def _shader_folder(shader_dir):
     if shader_dir is None:
         return os.fspath(resources.files("csm.shaders"))
@@ -404,7 +412,7 @@ def _close_orphans():
 atexit.register(_close_orphans)
 
 
-def _open_one(name, debug, folder):
+def _open_one(name, debug, folder, stage):
     if name == "glfw" and not _on_main_thread():
         raise ContextError("glfw: a GLFW renderer must be opened on the main thread")
     if _on_main_thread():
@@ -416,12 +424,12 @@ def _open_one(name, debug, folder):
         )
     _opened.add(name)
     try:
-        return _core.Renderer(_core.BACKENDS.index(name), debug, folder)
+        return _core.Renderer(_core.BACKENDS.index(name), debug, folder, stage)
     except ContextError as error:
         raise ContextError(f"{name}: {error}") from None
 
 
-def _open(backend, debug, folder):
+def _open(backend, debug, folder, stage):
     source = "backend"
     if backend == "auto" and os.environ.get("CSM_BACKEND"):
         backend, source = os.environ["CSM_BACKEND"], "CSM_BACKEND"
@@ -430,11 +438,11 @@ def _open(backend, debug, folder):
             raise ValueError(
                 f"{source} must be one of auto, {', '.join(_core.BACKENDS)} (got {backend!r})"
             )
-        return _open_one(backend, debug, folder)
+        return _open_one(backend, debug, folder, stage)
     reasons = []
     for name in _core.BACKENDS:
         try:
-            return _open_one(name, debug, folder)
+            return _open_one(name, debug, folder, stage)
         except ContextError as error:
             reasons.append(str(error))
     raise ContextError(f"no OpenGL context: {'; '.join(reasons)}; {INSTALL_HINT}")

@@ -23,8 +23,8 @@ class ShadowSettings:
     cascade_count : int
         1 to 8.
     map_size : int or tuple of int
-        Texels along a side of a shadow map, for all cascades or one per cascade. Maps are layers of
-        one array of the largest size, so that a smaller map takes as many bytes.
+        Texels along a side of a shadow map, for all cascades or one per cascade. In an array
+        (`storage`) a smaller map takes as many bytes as the largest.
     split : {"practical", "uniform", "logarithmic", "manual", "resolution", "sdsm", "percentages", \
 "histogram"}
         How the view range is cut. ``"uniform"``: equal lengths; ``"logarithmic"``: equal ratios;
@@ -110,14 +110,99 @@ class ShadowSettings:
         Depth range of the slice alone; casters before it are flattened onto its near plane
         (pancaking, the fourth mode of [MSDN]).
     depth_format : {"d32f", "d24", "d16"}
-    filter : {"hard", "none", "pcf"}
-        One nearest compare; no shadow maps at all; percentage-closer filtering [Reeves1987]_.
+    storage : {"array", "atlas", "separate", "cube"}
+        Layers of one array, as large as the largest map; tiles of one texture; a texture each;
+        faces of a cube, for up to six maps of one size. Prefiltered filters make their moments
+        from maps stored so, and keep the moments in an array.
+    tile_border : int
+        Empty texels around each tile of an atlas, 0 to 64.
+    copied_tiles : bool
+        Tiles of an atlas are drawn on their own and copied, so that they are those of an array to
+        the bit; drawn in place, a rasteriser may round corners otherwise.
+    reversed_depth : bool
+        Maps hold 1 at the caster side and 0 far away. A `Frame`'s `shadow_maps` have 0 at the
+        caster side all the same.
+    caster_faces : {"both", "front", "back"}
+        Which sides of triangles cast, counter-clockwise being the front.
+    filter : {"hard", "none", "pcf", "poisson", "vsm", "evsm2", "evsm4", "esm", "msm", "lvsm", \
+"savsm", "fourier", "pcss"}
+        ``"hard"``: one nearest compare. ``"none"``: no shadow maps at all. ``"pcf"``:
+        percentage-closer filtering [Reeves1987]_; ``"poisson"``: the same with taps in a disc.
+        Prefiltered: variance ``"vsm"`` [Donnelly2006]_, exponential variance of two and four
+        moments ``"evsm2"`` ``"evsm4"`` [Lauritzen2008]_, exponential ``"esm"`` [Annen2008]_,
+        moment ``"msm"`` [Peters2015]_, layered variance ``"lvsm"`` [Lauritzen2008]_, summed-area
+        variance ``"savsm"`` [Lauritzen2007]_, convolution ``"fourier"`` [Annen2007]_.
+        ``"pcss"``: percentage-closer soft shadows [Fernando2005]_, the penumbra of the sun's
+        angular diameter.
     filter_size : int
-        Side of the pcf kernel: odd, up to 33, or 2 for the hardware's bilinear compare.
+        Side of the kernel, of the blur or of the disc in texels: odd, up to 65, or for pcf 2, the
+        hardware's bilinear compare. For pcss the widest penumbra that is searched and filtered.
+    filter_weights : {"box", "bilinear", "tent", "gaussian"}
+        Weights of pcf's kernel and of the blur. ``"box"`` is centred on the texel that holds the
+        point, the others on the point itself; ``"bilinear"`` is a mean of bilinear lookups, a box
+        narrower by a texel; ``"gaussian"`` ends at two standard deviations.
+    filter_fetch : {"gather", "taps"}
+        pcf: depths come four at a time, or one by one; the same mask.
+    kernel : {"texels", "world", "screen"}
+        What stays the same from cascade to cascade: the kernel's side in texels; in metres, that of
+        `filter_size` texels of the first cascade [Zhang2009], but never more texels; or in pixels
+        at the receiver's depth, again never more texels than `filter_size`. A blurred map has one
+        kernel for all pixels, so ``"screen"`` means ``"texels"`` there.
+    disc : {"poisson", "vogel"}
+        How taps of poisson and pcss lie in their disc: a fixed set of points kept apart, or
+        Vogel's spiral.
+    tap_count : int
+        Taps in the disc, 1 to 64; those of disc poisson are 8 or 16.
+    rotated : bool
+        The disc is turned from pixel to pixel by interleaved gradient noise [Jimenez2014]_.
+    pcss_map : {"depth", "variance", "summed"}
+        Blockers and penumbra from taps, from filtered moments [Yang2010]_, or from their summed
+        areas [Lauritzen2007]_.
+    moment_format : {"float32", "float16", "unorm16"}
+        Format of filtered maps; exponents of esm and evsm are limited by it.
+    lookup : {"bilinear", "trilinear", "anisotropic"}
+        How filtered maps are looked up: at their full size, or in smaller levels by the footprint
+        of the pixel.
+    anisotropy : int
+        Most lookups along a footprint of ``lookup="anisotropic"``, 2 to 16.
+    samples : int
+        1, 2, 4 or 8 samples in a texel of the maps that moments are made from.
+    exponent, negative_exponent : float
+        Of depth, for esm and evsm, and of the second warp of evsm4; 0: nine tenths of what the
+        format holds, and the same as the first.
+    log_filter : bool
+        esm: exponents are stored and blurred instead of powers, without their limit
+        [Salvi2008]_.
+    msm_bound : {"hamburger", "hausdorff"}
+        msm: depths may lie anywhere, or between 0 and 1, which is a sharper bound.
+    layer_count : int
+        Layers of lvsm, 2, 4, 6 or 8.
+    fourier_terms : int
+        Terms of the series of fourier, an even number up to 16.
+    bleed_step, bleed_power : float
+        Light of a bound that is at or below the step is taken off, and the rest is raised to the
+        power: less light bleeds, and penumbrae are darker [Lauritzen2007]_.
+    gradients : {"hardware", "quad", "analytic"}
+        Footprint of a pixel in a filtered map: differences in its quad, each pixel in its own
+        cascade, which leaves a seam; with one cascade for the quad; or those of light space, the
+        same for all cascades [Zhang2009].
+    plane : {"normal", "derivatives"}
+        The receiver's plane from its triangle, or from differences in the quad of pixels [MSDN].
+    blend : {"none", "linear", "smooth", "dither"}
+        Transition to the next cascade, where that holds the point with its kernel: weighted, with
+        a smooth weight, or by lot.
+    blend_width : float
+        Width of the transition, 0 to 1: share of half a map, under ``select="interval"`` of the
+        slice.
+    fade_width : float
+        Share of the shadow range over which shadows fade at its end, 0 to 1.
     bias : {"auto", "manual"}
         ``"auto"``: receiver plane at each texel's centre, plus a quarter texel of slope, a
-        depth quantum and the rounding of float32. ``"manual"``: the four settings below, which
+        depth quantum and the rounding of float32. ``"manual"``: the five settings below, which
         start at zero: with none of them set, tilted surfaces show acne.
+    bias_side : {"receiver", "caster"}
+        Constant and slope bias lift receivers in the mask, or push casters back in the maps, by the
+        hardware's slope there.
     constant_bias_texels, slope_bias : float
         Depth bias along the light, ``t * (constant + slope_bias * (|gx| + |gy|))`` [m] with t the
         larger texel side [m] and g the receiver's depth gradient; positive lightens.
@@ -150,6 +235,22 @@ class ShadowSettings:
     .. [Sylvan] Sylvan: Improving shadow map utilization for cascaded shadow maps. Web article.
     .. [Reeves1987] Reeves, Salesin, Cook: Rendering antialiased shadows with depth maps.
        SIGGRAPH 1987. doi:10.1145/37402.37435
+    .. [Donnelly2006] Donnelly, Lauritzen: Variance shadow maps. I3D 2006.
+       doi:10.1145/1111411.1111440
+    .. [Lauritzen2007] Lauritzen: Summed-area variance shadow maps. GPU Gems 3, chapter 8, 2007.
+    .. [Lauritzen2008] Lauritzen, McCool: Layered variance shadow maps. Graphics Interface 2008.
+    .. [Annen2007] Annen, Mertens, Bekaert, Seidel, Kautz: Convolution shadow maps. Eurographics
+       Symposium on Rendering 2007.
+    .. [Annen2008] Annen, Mertens, Seidel, Flerackers, Kautz: Exponential shadow maps. Graphics
+       Interface 2008.
+    .. [Salvi2008] Salvi: Rendering filtered shadows with exponential shadow maps. ShaderX6, 2008.
+    .. [Peters2015] Peters, Klein: Moment shadow mapping. I3D 2015. doi:10.1145/2699276.2699277
+    .. [Fernando2005] Fernando: Percentage-closer soft shadows. SIGGRAPH 2005 sketches.
+       doi:10.1145/1187112.1187153
+    .. [Yang2010] Yang, Dong, Feng, Seidel, Kautz: Variance soft shadow mapping. Pacific Graphics
+       2010. doi:10.1111/j.1467-8659.2010.01800.x
+    .. [Jimenez2014] Jimenez: Next generation post processing in Call of Duty: Advanced Warfare.
+       SIGGRAPH 2014 course.
 
     Examples
     --------
@@ -181,9 +282,39 @@ class ShadowSettings:
     manual_depth_range: tuple[float, ...] = ()
     pancake: bool = False
     depth_format: str = "d32f"
+    storage: str = "array"
+    tile_border: int = 0
+    copied_tiles: bool = False
+    reversed_depth: bool = False
+    caster_faces: str = "both"
     filter: str = "hard"
     filter_size: int = 3
+    filter_weights: str = "box"
+    filter_fetch: str = "gather"
+    kernel: str = "texels"
+    disc: str = "poisson"
+    tap_count: int = 16
+    rotated: bool = False
+    pcss_map: str = "depth"
+    moment_format: str = "float32"
+    lookup: str = "bilinear"
+    anisotropy: int = 8
+    samples: int = 1
+    exponent: float = 0.0
+    negative_exponent: float = 0.0
+    log_filter: bool = False
+    msm_bound: str = "hamburger"
+    layer_count: int = 4
+    fourier_terms: int = 16
+    bleed_step: float = 0.0
+    bleed_power: float = 1.0
+    gradients: str = "hardware"
+    plane: str = "normal"
+    blend: str = "none"
+    blend_width: float = 0.1
+    fade_width: float = 0.0
     bias: str = "auto"
+    bias_side: str = "receiver"
     constant_bias_texels: float = 0.0
     slope_bias: float = 0.0
     normal_offset_texels: float = 0.0

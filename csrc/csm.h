@@ -84,11 +84,13 @@ void csm_fail_more(csm_error *err, const char *format, ...) __attribute__((forma
 #define CSM_PASS_SHADOW_FORWARD 16u /* it sees what the mask pass sees too */
 #define CSM_PASS_CPU 8u             /* seen by the fit or the culling, by no shader */
 #define CSM_PASS_RECEIVERS 32u
+#define CSM_PASS_SHADOW_MOMENTS 64u
+#define CSM_PASS_SHADOW_BLUR 128u
+#define CSM_PASS_SHADOW_SUM 256u
 
 typedef enum csm_effect {
 #define CSM_EFFECT(id, name, type, default_value, min, max, passes, choices, help) CSM_EFFECT_##id,
 #include "csm_effects.def"
-#undef CSM_EFFECT
     CSM_EFFECT_COUNT
 } csm_effect;
 
@@ -138,24 +140,57 @@ enum { CSM_TEXCOORD_POSITION, CSM_TEXCOORD_INTERPOLATED };
 enum { CSM_CULL_INCLUSIVE, CSM_CULL_NONE, CSM_CULL_EXCLUSIVE };
 enum { CSM_DEPTH_RANGE_SCENE, CSM_DEPTH_RANGE_WINDOW, CSM_DEPTH_RANGE_MANUAL };
 enum { CSM_DEPTH_D32F, CSM_DEPTH_D24, CSM_DEPTH_D16 };
-enum { CSM_FILTER_HARD, CSM_FILTER_NONE, CSM_FILTER_PCF };
+enum { CSM_STORAGE_ARRAY, CSM_STORAGE_ATLAS, CSM_STORAGE_SEPARATE, CSM_STORAGE_CUBE };
+enum { CSM_CASTER_FACES_BOTH, CSM_CASTER_FACES_FRONT, CSM_CASTER_FACES_BACK };
+enum {
+    CSM_FILTER_HARD,
+    CSM_FILTER_NONE,
+    CSM_FILTER_PCF,
+    CSM_FILTER_POISSON,
+    CSM_FILTER_VSM,
+    CSM_FILTER_EVSM2,
+    CSM_FILTER_EVSM4,
+    CSM_FILTER_ESM,
+    CSM_FILTER_MSM,
+    CSM_FILTER_LVSM,
+    CSM_FILTER_SAVSM,
+    CSM_FILTER_FOURIER,
+    CSM_FILTER_PCSS,
+    CSM_FILTER_COUNT
+};
+enum { CSM_WEIGHTS_BOX, CSM_WEIGHTS_BILINEAR, CSM_WEIGHTS_TENT, CSM_WEIGHTS_GAUSSIAN };
+enum { CSM_FETCH_GATHER, CSM_FETCH_TAPS };
+enum { CSM_KERNEL_TEXELS, CSM_KERNEL_WORLD, CSM_KERNEL_SCREEN };
+enum { CSM_DISC_POISSON, CSM_DISC_VOGEL };
+enum { CSM_PCSS_DEPTH, CSM_PCSS_VARIANCE, CSM_PCSS_SUMMED };
+enum { CSM_MOMENTS_FLOAT32, CSM_MOMENTS_FLOAT16, CSM_MOMENTS_UNORM16 };
+enum { CSM_LOOKUP_BILINEAR, CSM_LOOKUP_TRILINEAR, CSM_LOOKUP_ANISOTROPIC };
+enum { CSM_GRADIENTS_HARDWARE, CSM_GRADIENTS_QUAD, CSM_GRADIENTS_ANALYTIC };
+enum { CSM_PLANE_NORMAL, CSM_PLANE_DERIVATIVES };
+enum { CSM_BLEND_NONE, CSM_BLEND_LINEAR, CSM_BLEND_SMOOTH, CSM_BLEND_DITHER };
 enum { CSM_BIAS_AUTO, CSM_BIAS_MANUAL };
+enum { CSM_BIAS_RECEIVER, CSM_BIAS_CASTER };
+enum { CSM_STAGE_COMPUTE, CSM_STAGE_FRAGMENT };
 
 typedef struct csm_settings {
     int effects[CSM_EFFECT_COUNT];
-    int map_size[CSM_MAX_CASCADES];         /* texels along a side, one per cascade */
-    double lam;                             /* weight of the logarithmic scheme, 0 to 1 */
+    int map_size[CSM_MAX_CASCADES]; /* texels along a side, one per cascade */
+#define CSM_NUMBER(name, default_value, min, max, help) double name;
+#include "csm_effects.def"
     double manual_splits[CSM_MAX_CASCADES]; /* the count - 1 inner distances [m], or percents of
                                                the view range, ascending */
-    double first_split;                     /* view depth [m] where the first cascade ends; 0:
-                                               as the scheme has it */
-    double max_distance;                    /* farthest view depth with shadows [m]; 0: far */
     double manual_depth_range[2];           /* light-view depths [m] of z = 0 and z = 1 */
-    double sun_step_deg;                    /* the sun moves in steps of this; 0: freely */
-    double constant_bias_texels;            /* depth bias along the light, in texels; >= 0 or < 0 */
-    double slope_bias;                      /* factor of texel * (|gx| + |gy|) */
-    double normal_offset_texels;            /* receiver offset along its normal */
 } csm_settings;
+
+typedef struct csm_number_info {
+    const char *name; /* field of csm_settings and Python name */
+    double default_value, min, max;
+    const char *help;
+    size_t offset; /* of the field */
+} csm_number_info;
+
+/* The row of a number, in the table's order; NULL beyond the last. */
+const csm_number_info *csm_number_describe(int number);
 
 /* Defaults of every field; map_size 2048. */
 csm_settings csm_settings_default(void);
@@ -173,6 +208,38 @@ void csm_settings_canonical_placement(csm_settings *settings);
 
 /* Kernel radius in texels that a fit must keep free around a window: 0 for hard. */
 int csm_settings_kernel_radius(const csm_settings *settings);
+
+/* Coarsest level of filtered maps that is looked up: a window keeps its texel free at the rim. */
+#define CSM_MAX_LEVEL 4
+
+/* How a filter works (csrc/core/filters.c has the one table). */
+enum { CSM_LOOKS_AT_NOTHING, CSM_LOOKS_AT_DEPTHS, CSM_LOOKS_AT_MOMENTS, CSM_LOOKS_AT_SUMS };
+
+/* The maps a prefiltered filter looks up, under canonical settings. */
+typedef struct csm_moments {
+    int kind;           /* CSM_LOOKS_AT_*: MOMENTS or SUMS where there are any */
+    int channels;       /* of a layer */
+    int slices;         /* layers per cascade */
+    const char *format; /* as csm_plan_texture */
+    int texel_bytes;
+    bool blurred, mipmapped;
+    int sum_bits; /* of a texel in summed areas: a kernel's sum must fit 32 */
+} csm_moments;
+csm_moments csm_settings_moments(const csm_settings *settings);
+
+/* Compares or lookups of a receiver, at most. */
+int csm_settings_taps(const csm_settings *settings);
+
+/* Exponents of esm and evsm, positive and negative warp, after 0 is resolved by the format. */
+void csm_settings_exponents(const csm_settings *settings, double out[2]);
+
+/* Largest exponent that the format holds (docs/numerics.md 27). */
+double csm_exponent_limit(int filter, int moment_format);
+
+/* Least variance of depths in [0, 1] that a moment's rounding leaves meaningful, and the bias that
+ * keeps four moments realisable. */
+double csm_settings_least_variance(const csm_settings *settings);
+double csm_settings_moment_bias(const csm_settings *settings);
 
 /* Effective biases in the terms of csm_bias (section 7), after bias = auto is resolved. */
 typedef struct csm_bias {
@@ -571,14 +638,20 @@ size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camer
 #define CSM_OUT_SHADOW_MAPS 16u
 #define CSM_OUT_NORMAL 32u
 #define CSM_OUT_POINTS 64u
+#define CSM_OUT_MASK_SINGLE 128u
+#define CSM_OUT_MOMENTS 256u
 
-#define CSM_PLAN_MAX 32
+#define CSM_PLAN_MAX 64
 
 typedef enum csm_pass {
     CSM_STEP_VIEW,
     CSM_STEP_RECEIVER_RANGE,
     CSM_STEP_RECEIVER_BOUNDS,
     CSM_STEP_SHADOW_MAP,
+    CSM_STEP_SHADOW_MOMENTS, /* depths of one cascade to what is filtered */
+    CSM_STEP_SHADOW_BLUR,    /* along x, then along y */
+    CSM_STEP_SHADOW_SUM,     /* summed areas */
+    CSM_STEP_SHADOW_MIPS,    /* of all cascades; by the driver, so it has no program */
     CSM_STEP_SHADOW_MASK,
     CSM_STEP_SHADOW_FORWARD, /* in its place where light coordinates are interpolated */
     CSM_STEP_SHADOW_POINTS,
@@ -588,18 +661,37 @@ typedef enum csm_pass {
 /* "view", "receiver_range", "shadow_map", "shadow_mask", ... */
 const char *csm_pass_name(csm_pass pass);
 
+/* Name of a cascade's step in timings, "shadow_map_0"; of a frame's step, cascade -1, the pass's.
+ */
+const char *csm_step_name(csm_pass pass, int cascade);
+
 typedef struct csm_plan_step {
     csm_pass pass;
     int cascade; /* -1: not of one cascade */
     uint64_t program_key;
 } csm_plan_step;
 
+enum { CSM_TEXTURE_PLAIN, CSM_TEXTURE_ARRAY, CSM_TEXTURE_CUBE };
+
 typedef struct csm_plan_texture {
     char name[32];
     char format[16];
+    int kind; /* CSM_TEXTURE_* */
     int width, height, layers;
+    int samples, levels;
     uint64_t bytes;
 } csm_plan_texture;
+
+/* Where a cascade's map lies in the texture that holds it. */
+typedef struct csm_place {
+    int x, y, size; /* texels */
+    int layer;      /* of an array, face of a cube, number of a separate texture */
+} csm_place;
+
+/* Places of the maps under canonical settings, and the size of the texture that holds them: tiles
+ * of an atlas are packed without overlap, each with its border inside the atlas. */
+void csm_storage_places(const csm_settings *settings, csm_place out[CSM_MAX_CASCADES],
+                        int out_size[2]);
 
 typedef struct csm_plan {
     int step_count, texture_count, program_count;
@@ -666,6 +758,7 @@ const char *csm_backend_name(int backend);
 
 typedef struct csm_renderer_desc {
     int backend;
+    int stage;              /* CSM_STAGE_*, of passes over pixels and texels */
     bool debug;             /* synchronous KHR_debug output, errors fail the call */
     csm_read_callback read; /* shader files; called inside any call of the renderer */
     void *read_user;
@@ -676,7 +769,8 @@ typedef struct csm_renderer_info {
     char platform[64]; /* "device", "surfaceless", ... */
     char vendor[128], renderer[128], version[128], glsl[64];
     bool software;
-    int max_texture_size, max_layers;
+    int stage;                                     /* CSM_STAGE_* */
+    int max_texture_size, max_layers, max_samples; /* samples of depth textures */
     int64_t max_buffer_bytes;
     int programs_compiled; /* since the renderer was made */
     int live_objects;      /* GL objects that exist now */
@@ -706,6 +800,7 @@ typedef struct csm_render_desc {
     csm_gpu_scene *scene;
     csm_camera camera;
     double to_light[3];
+    double angular_diameter; /* of the sun [rad]; 0: a point */
     csm_settings settings;
     const double *scene_bounds; /* as csm_cascades_desc */
     const csm_hold *held;
@@ -717,18 +812,21 @@ typedef struct csm_render_desc {
     void *stop_user;
 } csm_render_desc;
 
-#define CSM_MAX_TIMINGS 32
+#define CSM_MAX_TIMINGS 64
 
 typedef struct csm_render_out {
     /* Caller-owned, NULL where not asked for. Images: row 0 on top. */
     float *mask;            /* height x width */
+    float *mask_single;     /* height x width: of the one cascade, without blend or fade */
     uint8_t *valid;         /* height x width, 0 or 1 */
     float *view_depth;      /* height x width [m], inf where not valid */
     uint8_t *cascade_index; /* height x width, 255 = none */
     float *normal;          /* height x width x 3, towards the camera, 0 where not valid */
     float *shadow_maps[CSM_MAX_CASCADES]; /* each its size x size, row 0 at the bottom */
+    float *moments[CSM_MAX_CASCADES];     /* the same, times channels x slices */
     float *point_visibility;
     uint8_t *point_cascade;
+    float *point_blend_weight; /* of the next cascade, 0 to 1 */
     /* filled in */
     csm_cascades cascades;
     int timing_count;
@@ -747,6 +845,13 @@ typedef struct csm_render_out {
 
 csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *desc,
                                csm_render_out *out, csm_error *err);
+
+/* Visibility of points in the maps of the last render; maps that were culled to the picture are
+ * drawn whole first, for which that render's scene must still be there. NULL outputs are not
+ * wanted. */
+csm_status csm_renderer_visibility(csm_renderer *renderer, const double *points,
+                                   const double *normals, size_t count, float *out_mask,
+                                   uint8_t *out_cascade, float *out_blend_weight, csm_error *err);
 
 /* Messages of the driver since the last drain, oldest first. */
 void csm_renderer_drain_messages(csm_renderer *renderer, csm_message_callback callback, void *user);

@@ -2,6 +2,7 @@
 // interpolates instead of from the pixel's ray.
 #include "include/frame.glsl"
 #include "include/geometry.glsl"
+#include "include/noise.glsl"
 #include "include/visibility.glsl"
 
 layout(binding = 0) uniform usampler2D view_ids;
@@ -33,5 +34,6 @@ void main()
     point.view_depth = clamp(-dot(frame.backward.xyz, from_eye), frame.view.z, frame.view.w);
     point.position = frame.eye_high.xyz + (frame.eye_low.xyz + from_eye);
     point.position_ls = position_ls;
+    point.noise = pixel_noise(pixel);
     write_answer(pixel, point, true);
 }

@@ -6,11 +6,13 @@
 #include "include/warp.glsl"
 
 layout(location = 0) uniform int cascade;
+layout(location = 1) uniform int lowest_row; // of the map in what it is drawn into
 
 layout(location = 0) in float depth; // share of the depth range, free of the divisor
 
 void main()
 {
     float texels = frame.centre[cascade].z; // of half the map's side
-    gl_FragDepth = depth / warp_divisor(gl_FragCoord.y / texels - 1.0, cascade);
+    float divided = depth / warp_divisor((gl_FragCoord.y - float(lowest_row)) / texels - 1.0, cascade);
+    gl_FragDepth = CSM_REVERSED_DEPTH == 1 ? 1.0 - divided : divided;
 }

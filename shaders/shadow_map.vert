@@ -15,8 +15,12 @@ void main()
 #if CSM_WARPED
     depth = map_depth(position_ls.z, cascade);
     gl_Position = warp_clip(warp_local(position_ls.xy, cascade), depth, cascade);
+#if CSM_REVERSED_DEPTH
+    gl_Position.z = gl_Position.w - gl_Position.z;
+#endif
 #else
     vec4 clip = frame.clip[cascade];
-    gl_Position = vec4(turned(position_ls.xy, cascade) * clip.xy + clip.zw, map_depth(position_ls.z, cascade), 1.0);
+    float z = map_depth(position_ls.z, cascade);
+    gl_Position = vec4(turned(position_ls.xy, cascade) * clip.xy + clip.zw, CSM_REVERSED_DEPTH == 1 ? 1.0 - z : z, 1.0);
 #endif
 }

@@ -1,5 +1,6 @@
 // shadow_points.comp: visibility of any points, with or without the normal of their surface.
 #include "include/frame.glsl"
+#include "include/noise.glsl"
 #include "include/visibility.glsl"
 
 layout(local_size_x = 256) in;
@@ -11,7 +12,7 @@ layout(std430, binding = 1) readonly buffer point_block
 
 layout(std430, binding = 6) writeonly buffer visibility_block
 {
-    vec2 answers[]; // visibility, cascade
+    vec4 answers[]; // visibility, cascade, weight of the next cascade
 };
 
 void main()
@@ -25,8 +26,8 @@ void main()
     point.normal = vec3(points[6 * i + 3], points[6 * i + 4], points[6 * i + 5]);
     vec3 from_eye = (point.position - frame.eye_high.xyz) - frame.eye_low.xyz;
     point.view_depth = -dot(frame.backward.xyz, from_eye);
-    int cascade;
-    float visibility = receiver_visibility(point, cascade);
+    point.noise = place_noise(point.position);
+    verdict found = receiver_verdict(point);
     bool facing = !plane_known(point) || dot(point.normal, frame.to_light.xyz) > facing_limit;
-    answers[i] = vec2(facing ? visibility : 0.0, float(cascade));
+    answers[i] = vec4(facing ? found.visibility : 0.0, float(found.cascade), found.next_weight, 0.0);
 }

@@ -3,7 +3,7 @@
  * In: csm_settings. Out: the same with meaningless values zeroed, the #define list and the cache
  * key of a pass, and the bias in the terms the shader knows.
  */
-#include "csm.h"
+#include "filters.h"
 
 #include <math.h>
 #include <stdio.h>
@@ -13,7 +13,12 @@ static const csm_effect_info effect_table[CSM_EFFECT_COUNT] = {
 #define CSM_EFFECT(id, name, type, default_value, min, max, passes, choices, help)                 \
     {#id, name, CSM_TYPE_##type, default_value, min, max, passes, choices, help},
 #include "csm_effects.def"
-#undef CSM_EFFECT
+};
+
+static const csm_number_info number_table[] = {
+#define CSM_NUMBER(name, default_value, min, max, help)                                            \
+    {#name, default_value, min, max, help, offsetof(csm_settings, name)},
+#include "csm_effects.def"
 };
 
 #define MAX_MAP_SIZE 65536
@@ -22,8 +27,21 @@ const csm_effect_info *csm_effect_describe(int effect) {
     return &effect_table[effect];
 }
 
+const csm_number_info *csm_number_describe(int number) {
+    const int count = (int)(sizeof number_table / sizeof *number_table);
+    return number < count ? &number_table[number] : NULL;
+}
+
+static double *number_of(csm_settings *settings, const csm_number_info *row) {
+    return (double *)((char *)settings + row->offset);
+}
+
 csm_settings csm_settings_default(void) {
-    csm_settings settings = {.lam = 0.5};
+    csm_settings settings = {0};
+    const csm_number_info *row;
+    for (int i = 0; (row = csm_number_describe(i)); i++) {
+        *number_of(&settings, row) = row->default_value;
+    }
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         settings.effects[i] = effect_table[i].default_value;
     }
@@ -69,6 +87,25 @@ static void check_depth_range(const csm_settings *settings, csm_error *err) {
     }
 }
 
+static void check_storage(const csm_settings *settings, csm_error *err) {
+    const int count = settings->effects[CSM_EFFECT_CASCADE_COUNT];
+    if (settings->effects[CSM_EFFECT_STORAGE] != CSM_STORAGE_CUBE) {
+        return;
+    }
+    if (count > 6) {
+        csm_fail_more(err, "cascade_count must be 1 to 6 under storage cube (got %d)", count);
+    }
+    for (int i = 1; i < count && i < CSM_MAX_CASCADES; i++) {
+        if (settings->map_size[i] != settings->map_size[0]) {
+            csm_fail_more(err,
+                          "map_size must be the same for all cascades under storage cube (got %d "
+                          "and %d)",
+                          settings->map_size[0], settings->map_size[i]);
+            return;
+        }
+    }
+}
+
 csm_status csm_settings_validate(const csm_settings *settings, csm_error *err) {
     csm_error problems = {0};
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
@@ -80,10 +117,6 @@ csm_status csm_settings_validate(const csm_settings *settings, csm_error *err) {
         }
     }
     int count = settings->effects[CSM_EFFECT_CASCADE_COUNT];
-    int filter_size = settings->effects[CSM_EFFECT_FILTER_SIZE];
-    if (filter_size > 2 && filter_size % 2 == 0) {
-        csm_fail_more(&problems, "filter_size must be odd, or 2 (got %d)", filter_size);
-    }
     for (int i = 0; i < count && i < CSM_MAX_CASCADES; i++) {
         if (settings->map_size[i] < 1 || settings->map_size[i] > MAX_MAP_SIZE) {
             csm_fail_more(&problems, "map_size must be 1 to %d texels (got %d)", MAX_MAP_SIZE,
@@ -91,14 +124,14 @@ csm_status csm_settings_validate(const csm_settings *settings, csm_error *err) {
             break;
         }
     }
-    check_number(&problems, "lam", settings->lam, 0.0, 1.0);
-    check_number(&problems, "constant_bias_texels", settings->constant_bias_texels, -1e6, 1e6);
-    check_number(&problems, "slope_bias", settings->slope_bias, -1e6, 1e6);
-    check_number(&problems, "normal_offset_texels", settings->normal_offset_texels, -1e6, 1e6);
-    check_number(&problems, "first_split", settings->first_split, 0.0, 1e12);
-    check_number(&problems, "max_distance", settings->max_distance, 0.0, 1e12);
-    check_number(&problems, "sun_step_deg", settings->sun_step_deg, 0.0, 90.0);
+    const csm_number_info *row;
+    for (int i = 0; (row = csm_number_describe(i)); i++) {
+        const double value = *(const double *)((const char *)settings + row->offset);
+        check_number(&problems, row->name, value, row->min, row->max);
+    }
     check_depth_range(settings, &problems);
+    csm_filter_validate(settings, &problems);
+    check_storage(settings, &problems);
     if (splits_by_hand(settings) && count >= 1 && count <= CSM_MAX_CASCADES) {
         check_manual_splits(settings, count, &problems);
     }
@@ -176,50 +209,76 @@ void csm_settings_canonical_placement(csm_settings *settings) {
     effects[CSM_EFFECT_SKEWED] = effects[CSM_EFFECT_LIGHT_BASIS] == CSM_LIGHT_BASIS_WORLD;
 }
 
+static void canonical_storage(csm_settings *settings) {
+    int *effects = settings->effects;
+    if (effects[CSM_EFFECT_STORAGE] != CSM_STORAGE_ATLAS) {
+        reset(settings, CSM_EFFECT_TILE_BORDER);
+        reset(settings, CSM_EFFECT_COPIED_TILES);
+    }
+    if (effects[CSM_EFFECT_SAMPLES] > 1) {
+        /* casters are drawn into a texture of samples, from which nothing but moments is made */
+        effects[CSM_EFFECT_STORAGE] = CSM_STORAGE_ARRAY;
+    }
+}
+
+static void canonical_bias(csm_settings *settings) {
+    int *effects = settings->effects;
+    const bool two_by_two =
+        effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
+    const csm_moments moments = csm_settings_moments(settings);
+    /* the hardware compares four texels with one depth; moments are of no one texel */
+    const bool no_plane = two_by_two || moments.kind != CSM_LOOKS_AT_DEPTHS;
+    if (effects[CSM_EFFECT_BIAS] == CSM_BIAS_AUTO) {
+        settings->constant_bias_texels = 0.0;
+        settings->slope_bias = 0.0;
+        settings->normal_offset_texels = 0.0;
+        effects[CSM_EFFECT_RECEIVER_PLANE] = 1;
+    }
+    if (no_plane) {
+        effects[CSM_EFFECT_RECEIVER_PLANE] = 0;
+    }
+    if (!effects[CSM_EFFECT_RECEIVER_PLANE]) {
+        reset(settings, CSM_EFFECT_PLANE);
+    }
+    if (settings->constant_bias_texels == 0.0 && settings->slope_bias == 0.0) {
+        reset(settings, CSM_EFFECT_BIAS_SIDE);
+    }
+    effects[CSM_EFFECT_NORMAL_OFFSET] = settings->normal_offset_texels != 0.0;
+}
+
+static void canonical_transitions(csm_settings *settings) {
+    int *effects = settings->effects;
+    if (effects[CSM_EFFECT_CASCADE_COUNT] == 1 || settings->blend_width == 0.0) {
+        reset(settings, CSM_EFFECT_BLEND);
+    }
+    if (effects[CSM_EFFECT_BLEND] == CSM_BLEND_NONE) {
+        settings->blend_width = 0.1;
+    }
+    effects[CSM_EFFECT_FADE] = settings->fade_width != 0.0;
+}
+
 void csm_settings_canonical(csm_settings *settings) {
     int *effects = settings->effects;
-    bool automatic = effects[CSM_EFFECT_BIAS] == CSM_BIAS_AUTO;
-    bool two_by_two =
-        effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
-
     if (effects[CSM_EFFECT_FILTER] == CSM_FILTER_NONE) {
         csm_settings plain = csm_settings_default();
         plain.effects[CSM_EFFECT_FILTER] = CSM_FILTER_NONE;
         plain.effects[CSM_EFFECT_INSTANCES] = effects[CSM_EFFECT_INSTANCES];
+        plain.effects[CSM_EFFECT_STAGE] = effects[CSM_EFFECT_STAGE];
         *settings = plain;
         return;
     }
-    if (effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 1) {
-        effects[CSM_EFFECT_FILTER] = CSM_FILTER_HARD; /* a 1 x 1 kernel is one nearest compare */
-    }
-    if (effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
-        reset(settings, CSM_EFFECT_FILTER_SIZE);
-    }
+    csm_filter_canonical(settings);
     csm_settings_canonical_placement(settings);
     for (int i = effects[CSM_EFFECT_CASCADE_COUNT]; i < CSM_MAX_CASCADES; i++) {
         settings->map_size[i] = 0;
     }
-    if (automatic) {
-        settings->constant_bias_texels = 0.0;
-        settings->slope_bias = 0.0;
-        settings->normal_offset_texels = 0.0;
-        effects[CSM_EFFECT_RECEIVER_PLANE] = !two_by_two;
-    }
-    if (two_by_two) {
-        effects[CSM_EFFECT_RECEIVER_PLANE] = 0; /* one reference depth for four texels */
-    }
-    effects[CSM_EFFECT_NORMAL_OFFSET] = settings->normal_offset_texels != 0.0;
+    canonical_storage(settings);
+    canonical_bias(settings);
+    canonical_transitions(settings);
     if (effects[CSM_EFFECT_SELECT] == CSM_SELECT_FRUSTUM &&
         csm_settings_kernel_radius(settings) == 0) {
         effects[CSM_EFFECT_SELECT] = CSM_SELECT_MAP; /* they differ by the kernel's border */
     }
-}
-
-int csm_settings_kernel_radius(const csm_settings *settings) {
-    if (settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
-        return 0;
-    }
-    return settings->effects[CSM_EFFECT_FILTER_SIZE] / 2;
 }
 
 double csm_depth_quantum(int depth_format) {
@@ -243,11 +302,12 @@ csm_bias csm_settings_bias(const csm_settings *settings) {
      * facet at the texel's centre may be another. Far from the eye or the origin the
      * receiver's own float32 position is coarser than a quantum. The hardware's 2x2 compare has one
      * reference depth for four texels, up to a whole texel away along each axis. */
-    bool two_by_two =
+    const bool two_by_two =
         effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
+    const bool of_texels = csm_settings_moments(settings).kind == CSM_LOOKS_AT_DEPTHS;
     double quantum = csm_depth_quantum(effects[CSM_EFFECT_DEPTH_FORMAT]);
     return (csm_bias){
-        .receiver_plane = !two_by_two,
+        .receiver_plane = !two_by_two && of_texels,
         .slope_texels = two_by_two ? 1.25 : 0.25,
         .quanta = 1.0 + 4.0 * ldexp(1.0, -24) / quantum,
         .roundings = 1.0,

@@ -9,7 +9,10 @@
 #include <string.h>
 
 #define MASK_OUTPUTS                                                                               \
-    (CSM_OUT_MASK | CSM_OUT_VALID | CSM_OUT_VIEW_DEPTH | CSM_OUT_CASCADE_INDEX | CSM_OUT_NORMAL)
+    (CSM_OUT_MASK | CSM_OUT_MASK_SINGLE | CSM_OUT_VALID | CSM_OUT_VIEW_DEPTH |                     \
+     CSM_OUT_CASCADE_INDEX | CSM_OUT_NORMAL)
+/* Outputs that are looked up in maps. */
+#define SHADOWS (CSM_OUT_MASK | CSM_OUT_MASK_SINGLE | CSM_OUT_POINTS)
 
 static const struct {
     const char *name;
@@ -20,6 +23,10 @@ static const struct {
     [CSM_STEP_RECEIVER_RANGE] = {"receiver_range", CSM_PASS_VIEW, 0},
     [CSM_STEP_RECEIVER_BOUNDS] = {"receiver_bounds", CSM_PASS_VIEW | CSM_PASS_RECEIVERS, 0},
     [CSM_STEP_SHADOW_MAP] = {"shadow_map", CSM_PASS_SHADOW_MAP, 0},
+    [CSM_STEP_SHADOW_MOMENTS] = {"shadow_moments", CSM_PASS_SHADOW_MOMENTS, 0},
+    [CSM_STEP_SHADOW_BLUR] = {"shadow_blur", CSM_PASS_SHADOW_BLUR, 0},
+    [CSM_STEP_SHADOW_SUM] = {"shadow_sum", CSM_PASS_SHADOW_SUM, 0},
+    [CSM_STEP_SHADOW_MIPS] = {"shadow_mips", 0, 0},
     [CSM_STEP_SHADOW_MASK] = {"shadow_mask", CSM_PASS_SHADOW_MASK, MASK_OUTPUTS},
     [CSM_STEP_SHADOW_FORWARD] = {"shadow_forward", CSM_PASS_SHADOW_MASK | CSM_PASS_SHADOW_FORWARD,
                                  MASK_OUTPUTS},
@@ -31,6 +38,7 @@ static const struct {
     unsigned bit;
 } output_names[] = {
     {"MASK", CSM_OUT_MASK},
+    {"MASK_SINGLE", CSM_OUT_MASK_SINGLE},
     {"VALID", CSM_OUT_VALID},
     {"VIEW_DEPTH", CSM_OUT_VIEW_DEPTH},
     {"CASCADE_INDEX", CSM_OUT_CASCADE_INDEX},
@@ -39,6 +47,15 @@ static const struct {
 
 const char *csm_pass_name(csm_pass pass) {
     return passes[pass].name;
+}
+
+const char *csm_step_name(csm_pass pass, int cascade) {
+#define NAMES(name)                                                                                \
+    { name "_0", name "_1", name "_2", name "_3", name "_4", name "_5", name "_6", name "_7" }
+    static const char *const names[][CSM_MAX_CASCADES] = {
+        NAMES("shadow_map"), NAMES("shadow_moments"), NAMES("shadow_blur"), NAMES("shadow_sum")};
+#undef NAMES
+    return cascade < 0 ? passes[pass].name : names[pass - CSM_STEP_SHADOW_MAP][cascade];
 }
 
 /* 0 where the pass does not see the effect, so that a sweep over it compiles nothing. */
@@ -105,8 +122,12 @@ size_t csm_program_defines(csm_pass pass, const csm_settings *canonical, unsigne
 }
 
 static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_settings *canonical) {
-    uint64_t key = csm_program_key(pass, canonical, plan->outputs);
+    const bool programmed = pass != CSM_STEP_SHADOW_MIPS;
+    uint64_t key = programmed ? csm_program_key(pass, canonical, plan->outputs) : 0;
     plan->steps[plan->step_count++] = (csm_plan_step){pass, cascade, key};
+    if (!programmed) {
+        return;
+    }
     for (int i = 0; i < plan->program_count; i++) {
         if (plan->program_keys[i] == key) {
             return;
@@ -116,21 +137,24 @@ static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_setti
     plan->program_keys[plan->program_count++] = key;
 }
 
-static void add_texture(csm_plan *plan, const char *name, const char *format, int width, int height,
-                        int layers, int texel_bytes) {
+static csm_plan_texture *add_texture(csm_plan *plan, const char *name, const char *format,
+                                     int width, int height, int layers, int texel_bytes) {
     csm_plan_texture *texture = &plan->textures[plan->texture_count++];
     snprintf(texture->name, sizeof texture->name, "%s", name);
     snprintf(texture->format, sizeof texture->format, "%s", format);
     texture->width = width;
     texture->height = height;
     texture->layers = layers;
+    texture->samples = texture->levels = 1;
     texture->bytes = (uint64_t)width * (uint64_t)height * (uint64_t)layers * (uint64_t)texel_bytes;
     plan->bytes += texture->bytes;
+    return texture;
 }
 
 /* What the mask pass writes and the host reads, per pixel. */
 static uint64_t output_bytes(unsigned outputs) {
     uint64_t bytes = outputs & CSM_OUT_MASK ? 4 : 0;
+    bytes += outputs & CSM_OUT_MASK_SINGLE ? 4 : 0;
     bytes += outputs & (CSM_OUT_VALID | CSM_OUT_CASCADE_INDEX) ? 4 : 0; /* packed in one word */
     bytes += outputs & CSM_OUT_VIEW_DEPTH ? 4 : 0;
     bytes += outputs & CSM_OUT_NORMAL ? 12 : 0;
@@ -149,18 +173,125 @@ uint64_t csm_receiver_bounds_bytes(int width, int height, int cascade_count) {
     return csm_receiver_runs(width, height) * (size_t)cascade_count * 4 * sizeof(float);
 }
 
-csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
-                         csm_plan *out, csm_error *err) {
+static void add_samples(csm_plan *plan, const csm_settings *canonical, const char *format, int size,
+                        int texel_bytes) {
+    const int samples = canonical->effects[CSM_EFFECT_SAMPLES];
+    csm_plan_texture *texture =
+        add_texture(plan, "shadow_samples", format, size, size, 1, texel_bytes * samples);
+    texture->samples = samples;
+}
+
+/* Textures of the depths that casters are drawn into. */
+static void add_map_textures(csm_plan *plan, const csm_settings *canonical) {
     static const struct {
         const char *name;
         int bytes;
     } formats[] = {
         [CSM_DEPTH_D32F] = {"d32f", 4}, [CSM_DEPTH_D24] = {"d24", 4}, [CSM_DEPTH_D16] = {"d16", 2}};
+    const int *effects = canonical->effects;
+    const int count = effects[CSM_EFFECT_CASCADE_COUNT];
+    const char *format = formats[effects[CSM_EFFECT_DEPTH_FORMAT]].name;
+    const int bytes = formats[effects[CSM_EFFECT_DEPTH_FORMAT]].bytes;
+    const bool kept = (plan->outputs & CSM_OUT_SHADOW_MAPS) ||
+                      csm_settings_moments(canonical).kind == CSM_LOOKS_AT_DEPTHS;
+    csm_place places[CSM_MAX_CASCADES];
+    int size[2];
+    csm_storage_places(canonical, places, size);
+    if (effects[CSM_EFFECT_SAMPLES] > 1) {
+        add_samples(plan, canonical, format, size[0], bytes);
+        if (!kept) {
+            return;
+        }
+    }
+    switch (effects[CSM_EFFECT_STORAGE]) {
+    case CSM_STORAGE_ATLAS:
+        add_texture(plan, "shadow_maps", format, size[0], size[1], 1, bytes);
+        if (effects[CSM_EFFECT_COPIED_TILES]) {
+            int largest = 0;
+            for (int i = 0; i < count; i++) {
+                largest = places[i].size > largest ? places[i].size : largest;
+            }
+            add_texture(plan, "shadow_tile", format, largest, largest, 1, bytes);
+        }
+        break;
+    case CSM_STORAGE_SEPARATE:
+        for (int i = 0; i < count; i++) {
+            char name[32];
+            snprintf(name, sizeof name, "shadow_maps_%d", i);
+            add_texture(plan, name, format, places[i].size, places[i].size, 1, bytes);
+        }
+        break;
+    case CSM_STORAGE_CUBE:
+        add_texture(plan, "shadow_maps", format, size[0], size[1], 6, bytes)->kind =
+            CSM_TEXTURE_CUBE;
+        break;
+    default: /* of depths that only moments are made from, one layer serves all cascades in turn */
+        add_texture(plan, "shadow_maps", format, size[0], size[1], kept ? count : 1, bytes)->kind =
+            CSM_TEXTURE_ARRAY;
+    }
+}
+
+static int level_count(int size) {
+    int levels = 1;
+    while (size >> levels && levels <= CSM_MAX_LEVEL) {
+        levels++;
+    }
+    return levels;
+}
+
+/* What a prefiltered filter is made from and looked up in. */
+static void add_moment_steps(csm_plan *plan, const csm_settings *canonical, int cascade) {
+    const csm_moments moments = csm_settings_moments(canonical);
+    if (moments.kind == CSM_LOOKS_AT_DEPTHS) {
+        return;
+    }
+    add_step(plan, CSM_STEP_SHADOW_MOMENTS, cascade, canonical);
+    if (moments.blurred) {
+        add_step(plan, CSM_STEP_SHADOW_BLUR, cascade, canonical);
+    }
+    if (moments.kind == CSM_LOOKS_AT_SUMS) {
+        add_step(plan, CSM_STEP_SHADOW_SUM, cascade, canonical);
+    }
+}
+
+static void add_moment_textures(csm_plan *plan, const csm_settings *canonical) {
+    const csm_moments moments = csm_settings_moments(canonical);
+    const int count = canonical->effects[CSM_EFFECT_CASCADE_COUNT];
+    int size = 0; /* of a layer: smaller maps lie in the lower left corner of theirs */
+    if (moments.kind == CSM_LOOKS_AT_DEPTHS) {
+        return;
+    }
+    for (int i = 0; i < count; i++) {
+        size = canonical->map_size[i] > size ? canonical->map_size[i] : size;
+    }
+    csm_plan_texture *texture = add_texture(plan, "moments", moments.format, size, size,
+                                            count * moments.slices, moments.texel_bytes);
+    texture->kind = CSM_TEXTURE_ARRAY;
+    if (moments.mipmapped) {
+        texture->levels = level_count(size);
+        for (int level = 1; level < texture->levels; level++) {
+            const uint64_t side = (uint64_t)(size >> level);
+            const uint64_t bytes = side * side * (uint64_t)(texture->layers * moments.texel_bytes);
+            texture->bytes += bytes;
+            plan->bytes += bytes;
+        }
+        add_step(plan, CSM_STEP_SHADOW_MIPS, -1, canonical);
+    }
+    if (moments.blurred || moments.kind == CSM_LOOKS_AT_SUMS) {
+        add_texture(plan, "moments_between", moments.format, size, size, 1, moments.texel_bytes)
+            ->kind = CSM_TEXTURE_ARRAY;
+    }
+}
+
+csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
+                         csm_plan *out, csm_error *err) {
     csm_settings canonical = *settings;
     csm_settings_canonical(&canonical);
     int count = canonical.effects[CSM_EFFECT_CASCADE_COUNT];
     bool shadowed = canonical.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;
-    bool maps = shadowed && (outputs & (CSM_OUT_MASK | CSM_OUT_SHADOW_MAPS | CSM_OUT_POINTS));
+    const bool moments = csm_settings_moments(&canonical).kind > CSM_LOOKS_AT_DEPTHS &&
+                         (outputs & (SHADOWS | CSM_OUT_MOMENTS));
+    const bool maps = shadowed && (moments || (outputs & (SHADOWS | CSM_OUT_SHADOW_MAPS)));
 
     if (!outputs) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT, "outputs must name at least one output");
@@ -195,16 +326,16 @@ csm_status csm_plan_make(const csm_settings *settings, int width, int height, un
         out->bytes += csm_receiver_bounds_bytes(width, height, count);
     }
     if (maps) {
+        add_map_textures(out, &canonical);
         for (int i = 0; i < count; i++) {
             add_step(out, CSM_STEP_SHADOW_MAP, i, &canonical);
+            if (moments) {
+                add_moment_steps(out, &canonical, i);
+            }
         }
-        int format = canonical.effects[CSM_EFFECT_DEPTH_FORMAT];
-        int size = 0; /* of a layer: smaller maps lie in the lower left corner of theirs */
-        for (int i = 0; i < count; i++) {
-            size = canonical.map_size[i] > size ? canonical.map_size[i] : size;
+        if (moments) {
+            add_moment_textures(out, &canonical);
         }
-        add_texture(out, "shadow_maps", formats[format].name, size, size, count,
-                    formats[format].bytes);
     }
     if (outputs & MASK_OUTPUTS) {
         bool forward = canonical.effects[CSM_EFFECT_TEXCOORD] == CSM_TEXCOORD_INTERPOLATED;

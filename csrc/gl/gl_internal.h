@@ -94,7 +94,17 @@ typedef struct csm_program {
 /* -- target.c -------------------------------------------------------------------------------------
  */
 
-enum { CSM_TARGET_VIEW_IDS, CSM_TARGET_VIEW_DEPTH, CSM_TARGET_SHADOW_MAPS, CSM_TARGET_COUNT };
+enum {
+    CSM_TARGET_VIEW_IDS,
+    CSM_TARGET_VIEW_DEPTH,
+    CSM_TARGET_SHADOW_MAPS,
+    CSM_TARGET_SEPARATE, /* first of as many as there are cascades */
+    CSM_TARGET_SHADOW_TILE = CSM_TARGET_SEPARATE + CSM_MAX_CASCADES,
+    CSM_TARGET_SHADOW_SAMPLES,
+    CSM_TARGET_MOMENTS,
+    CSM_TARGET_MOMENTS_BETWEEN,
+    CSM_TARGET_COUNT
+};
 
 typedef struct csm_target {
     csm_plan_texture wanted;
@@ -110,6 +120,7 @@ enum {
     CSM_BUFFER_POINTS,
     CSM_BUFFER_RECEIVER_BOUNDS,
     CSM_BUFFER_RECEIVER_RANGE,
+    CSM_BUFFER_MASK_SINGLE,
     CSM_BUFFER_COUNT
 };
 
@@ -170,16 +181,23 @@ typedef struct csm_frame_uniforms {
                 [4]; /* of the window in lattice texels; texels of its half side, side */
     float depth[CSM_MAX_CASCADES]
                [4]; /* scale, offset of z; constant bias [depth]; larger texel [m] */
-    float slope[CSM_MAX_CASCADES][4]; /* depth per texel at a gradient of 1 in x, y; far view
-                                         depth; least depth per texel that a bias takes */
-    float clip[CSM_MAX_CASCADES][4];  /* light x, y to clip x, y: scale, offset */
-    float turn[CSM_MAX_CASCADES][4];  /* cosine, sine of its axes against those of light space */
-    float normal_from_origin[3][4];   /* rows: normals to light space, where it is skewed */
-    float view_centre[4];             /* x, y of the picture's centre, in the units of view.xy */
+    float slope[CSM_MAX_CASCADES][4];   /* depth per texel at a gradient of 1 in x, y; far view
+                                           depth; least depth per texel that a bias takes */
+    float clip[CSM_MAX_CASCADES][4];    /* light x, y to clip x, y: scale, offset */
+    float turn[CSM_MAX_CASCADES][4];    /* cosine, sine of its axes against those of light space */
+    float normal_from_origin[3][4];     /* rows: normals to light space, where it is skewed */
+    float view_centre[4];               /* x, y of the picture's centre, in the units of view.xy */
+    int32_t place[CSM_MAX_CASCADES][4]; /* x, y of the map in what holds it [texels]; layer */
+    float kernel[CSM_MAX_CASCADES][4];  /* half width [texels]; the same per metre of view depth
+                                           where it is constant on screen; depth range [m] */
+    float blend[4];   /* share of half a map; depth where shadows fade; 1 / width of the fade;
+                         tangent of the sun's angular radius */
+    float moments[4]; /* exponents of the positive and negative warp; least variance; bias */
+    float bleed[4];   /* step; 1 / (1 - step); power; texel's part of summed areas */
 } csm_frame_uniforms;
 
 _Static_assert(sizeof(csm_frame_uniforms) ==
-                   16 * (3 + 2 + 3 + 1 + 4 + 3 + 3 + 1) + 6 * 16 * CSM_MAX_CASCADES,
+                   16 * (3 + 2 + 3 + 1 + 4 + 3 + 3 + 1 + 3) + 8 * 16 * CSM_MAX_CASCADES,
                "std140 of frame.glsl has no padding");
 
 /* The block of shaders/include/warp.glsl, there only under a warp. */
@@ -214,7 +232,9 @@ struct csm_renderer {
     GLuint points_in;
     GLsizeiptr points_in_size;
     GLuint frame_uniforms, warp_uniforms; /* the second only while a warped frame renders */
-    GLuint view_framebuffer, map_framebuffer, nearest_sampler, compare_sampler;
+    GLuint view_framebuffer, map_framebuffer, filter_framebuffer;
+    GLuint nearest_sampler, compare_sampler, moments_sampler;
+    GLuint no_vertices; /* vertex array of passes that cover all pixels with one triangle */
     csm_timer timer;
     csm_draw_list draws;
     csm_gpu_scene *scenes;
@@ -227,6 +247,8 @@ typedef struct csm_frame {
     csm_render_out *out;
     csm_settings settings; /* canonical */
     csm_plan plan;
+    csm_place places[CSM_MAX_CASCADES]; /* of the maps in what holds them */
+    csm_moments moments;
     csm_receivers receivers; /* what the passes over the pixels summed up; arrays are mapped */
     csm_frame_uniforms uniforms;
 } csm_frame;
@@ -243,6 +265,7 @@ csm_status csm_program_get(csm_frame *frame, csm_pass pass, GLuint *out_name, cs
 void csm_programs_drop(csm_renderer *renderer);
 
 /* target.c */
+GLenum csm_format_named(const char *name);
 csm_status csm_targets_fit(csm_renderer *renderer, const csm_plan *plan, csm_error *err);
 void csm_targets_drop(csm_renderer *renderer);
 csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err);
@@ -285,12 +308,29 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err);
 csm_status csm_pass_shadow_forward(csm_frame *frame, csm_error *err);
 csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err);
 
+/* pass_shadow_filter.c */
+void csm_cover_pixels(csm_renderer *renderer); /* one triangle over the whole viewport */
+csm_status csm_pass_shadow_moments(csm_frame *frame, int cascade, csm_error *err);
+csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err);
+csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err);
+csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err);
+void csm_moments_read(csm_frame *frame, int cascade, float *out);
+
+/* pass_shadow_map.c: attaches the map of a cascade to the map framebuffer; the texture and place
+ * casters are drawn into. */
+csm_place csm_map_attach(csm_frame *frame, int cascade);
+
+/* pass_shadow_mask.c: the textures that shaders/include/shadow_storage.glsl declares. */
+void csm_bind_maps(csm_frame *frame);
+
 /* pass_view.c: the draw list of what the camera may see; returns how many items. */
 csm_status csm_view_draws_fill(csm_frame *frame, int *out_items, csm_error *err);
 
 /* pass_shadow_mask.c: what both ways of making a mask read and write. */
 void csm_mask_bind_inputs(csm_frame *frame);
 csm_status csm_mask_bind_outputs(csm_frame *frame, csm_error *err);
+/* Draws cover the picture and write nothing but buffers. */
+void csm_no_attachment(csm_frame *frame);
 void csm_mask_set_image(csm_frame *frame, int first, int points);
 
 /* renderer.c */

@@ -16,6 +16,7 @@ static void clear_outputs(csm_frame *frame) {
         const void *value;
     } kinds[] = {
         {CSM_BUFFER_MASK, GL_R32F, GL_RED, GL_FLOAT, &lit},
+        {CSM_BUFFER_MASK_SINGLE, GL_R32F, GL_RED, GL_FLOAT, &lit},
         {CSM_BUFFER_INDEX, GL_R32UI, GL_RED_INTEGER, GL_UNSIGNED_INT, &no_cascade},
         {CSM_BUFFER_DEPTH, GL_R32F, GL_RED, GL_FLOAT, &infinite},
         {CSM_BUFFER_NORMAL, GL_R32F, GL_RED, GL_FLOAT, NULL},
@@ -33,7 +34,6 @@ static void clear_outputs(csm_frame *frame) {
 csm_status csm_pass_shadow_forward(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    const csm_camera *camera = &frame->desc->camera;
     GLuint program;
     int items;
     csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_FORWARD, &program, err);
@@ -51,12 +51,7 @@ csm_status csm_pass_shadow_forward(csm_frame *frame, csm_error *err) {
     csm_mask_bind_inputs(frame);
     csm_mask_set_image(frame, 0, 0);
     /* no attachment: the ids of the view are read, and nothing is drawn but the buffers */
-    GLuint framebuffer = renderer->map_framebuffer;
-    gl->NamedFramebufferTexture(framebuffer, GL_DEPTH_ATTACHMENT, 0, 0);
-    gl->NamedFramebufferParameteri(framebuffer, GL_FRAMEBUFFER_DEFAULT_WIDTH, camera->width);
-    gl->NamedFramebufferParameteri(framebuffer, GL_FRAMEBUFFER_DEFAULT_HEIGHT, camera->height);
-    gl->BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
-    gl->Viewport(0, 0, camera->width, camera->height);
+    csm_no_attachment(frame);
     gl->Disable(GL_DEPTH_CLAMP);
     gl->Disable(GL_DEPTH_TEST);
     gl->UseProgram(program);

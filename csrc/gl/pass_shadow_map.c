@@ -4,11 +4,6 @@
 #include <math.h>
 #include <stdlib.h>
 
-static const char *const timing_names[CSM_MAX_CASCADES] = {
-    "shadow_map_0", "shadow_map_1", "shadow_map_2", "shadow_map_3",
-    "shadow_map_4", "shadow_map_5", "shadow_map_6", "shadow_map_7",
-};
-
 /* Texels around the visible slice whose casters still matter: the kernel, and one for the rounding
  * of receivers and casters to float32. */
 static double cull_margin_texels(const csm_settings *settings) {
@@ -56,11 +51,101 @@ static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err) 
     return status;
 }
 
+csm_place csm_map_attach(csm_frame *frame, int cascade) {
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const GLuint framebuffer = renderer->map_framebuffer;
+    const csm_target *targets = renderer->targets;
+    const csm_target *maps = &targets[CSM_TARGET_SHADOW_MAPS];
+    const csm_place place = frame->places[cascade];
+    switch (frame->settings.effects[CSM_EFFECT_STORAGE]) {
+    case CSM_STORAGE_ATLAS:
+        gl->NamedFramebufferTexture(framebuffer, GL_DEPTH_ATTACHMENT, maps->texture, 0);
+        break;
+    case CSM_STORAGE_SEPARATE:
+        gl->NamedFramebufferTexture(framebuffer, GL_DEPTH_ATTACHMENT,
+                                    targets[CSM_TARGET_SEPARATE + place.layer].texture, 0);
+        break;
+    default: /* one layer may serve all cascades in turn */
+        gl->NamedFramebufferTextureLayer(framebuffer, GL_DEPTH_ATTACHMENT, maps->texture, 0,
+                                         maps->wanted.layers > 1 ? place.layer : 0);
+    }
+    return place;
+}
+
+/* What casters are drawn into: the map's place, or a texture of its own that is copied there. */
+static csm_place attach_target(csm_frame *frame, int cascade) {
+    csm_renderer *renderer = frame->renderer;
+    const csm_target *targets = renderer->targets;
+    csm_place place = frame->places[cascade];
+    GLuint texture = targets[CSM_TARGET_SHADOW_SAMPLES].texture;
+    if (!texture) {
+        texture = targets[CSM_TARGET_SHADOW_TILE].texture;
+    }
+    if (!texture) {
+        return csm_map_attach(frame, cascade);
+    }
+    renderer->gl.NamedFramebufferTexture(renderer->map_framebuffer, GL_DEPTH_ATTACHMENT, texture,
+                                         0);
+    place.x = place.y = 0;
+    return place;
+}
+
+static void copy_to_place(csm_frame *frame, int cascade) {
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const csm_target *targets = renderer->targets;
+    const csm_place place = frame->places[cascade];
+    if (targets[CSM_TARGET_SHADOW_TILE].texture) {
+        gl->CopyImageSubData(targets[CSM_TARGET_SHADOW_TILE].texture, GL_TEXTURE_2D, 0, 0, 0, 0,
+                             targets[CSM_TARGET_SHADOW_MAPS].texture, GL_TEXTURE_2D, 0, place.x,
+                             place.y, 0, place.size, place.size, 1);
+    }
+    if (targets[CSM_TARGET_SHADOW_SAMPLES].texture && targets[CSM_TARGET_SHADOW_MAPS].texture) {
+        /* of several samples the driver keeps one: what comes out as shadow_maps */
+        const GLuint from = renderer->filter_framebuffer;
+        gl->NamedFramebufferTexture(from, GL_COLOR_ATTACHMENT0, 0, 0);
+        gl->NamedFramebufferTexture(from, GL_DEPTH_ATTACHMENT,
+                                    targets[CSM_TARGET_SHADOW_SAMPLES].texture, 0);
+        csm_map_attach(frame, cascade);
+        gl->BlitNamedFramebuffer(from, renderer->map_framebuffer, 0, 0, place.size, place.size, 0,
+                                 0, place.size, place.size, GL_DEPTH_BUFFER_BIT, GL_NEAREST);
+        gl->NamedFramebufferTexture(from, GL_DEPTH_ATTACHMENT, 0, 0);
+    }
+}
+
+static void set_state(csm_frame *frame, const csm_place *place) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    const int *effects = frame->settings.effects;
+    const bool reversed = effects[CSM_EFFECT_REVERSED_DEPTH];
+    const float farthest = reversed ? 0.0f : 1.0f;
+    const int faces = effects[CSM_EFFECT_CASTER_FACES];
+    gl->BindFramebuffer(GL_FRAMEBUFFER, frame->renderer->map_framebuffer);
+    gl->Viewport(place->x, place->y, place->size, place->size);
+    (effects[CSM_EFFECT_PANCAKE] ? gl->Enable : gl->Disable)(GL_DEPTH_CLAMP);
+    gl->Enable(GL_DEPTH_TEST);
+    gl->DepthFunc(reversed ? GL_GREATER : GL_LESS);
+    if (faces != CSM_CASTER_FACES_BOTH) {
+        gl->Enable(GL_CULL_FACE);
+        gl->CullFace(faces == CSM_CASTER_FACES_FRONT ? GL_BACK : GL_FRONT);
+    }
+    /* a map that is a part of its texture is cleared and drawn alone */
+    gl->Scissor(place->x, place->y, place->size, place->size);
+    gl->Enable(GL_SCISSOR_TEST);
+    gl->ClearNamedFramebufferfv(frame->renderer->map_framebuffer, GL_DEPTH, 0, &farthest);
+}
+
+/* Borders of tiles are empty: cleared once a frame, with the whole atlas. */
+static void clear_borders(csm_frame *frame) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    const float farthest = frame->settings.effects[CSM_EFFECT_REVERSED_DEPTH] ? 0.0f : 1.0f;
+    csm_map_attach(frame, 0);
+    gl->ClearNamedFramebufferfv(frame->renderer->map_framebuffer, GL_DEPTH, 0, &farthest);
+}
+
 csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    const float farthest = 1.0f;
-    int size = frame->settings.map_size[cascade];
     GLuint program;
 
     csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_MAP, &program, err);
@@ -71,30 +156,22 @@ csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
         return status;
     }
     csm_timer_start(renderer);
-    GLuint framebuffer = renderer->map_framebuffer;
-    gl->NamedFramebufferTextureLayer(framebuffer, GL_DEPTH_ATTACHMENT,
-                                     renderer->targets[CSM_TARGET_SHADOW_MAPS].texture, 0, cascade);
-    gl->BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
-    gl->Viewport(0, 0, size, size);
-    if (frame->settings.effects[CSM_EFFECT_PANCAKE]) {
-        gl->Enable(GL_DEPTH_CLAMP);
-    } else {
-        gl->Disable(GL_DEPTH_CLAMP);
+    if (cascade == 0 && frame->settings.effects[CSM_EFFECT_TILE_BORDER]) {
+        clear_borders(frame);
     }
-    gl->Enable(GL_DEPTH_TEST);
-    gl->DepthFunc(GL_LESS);
-    /* a smaller map is a corner of its layer, and alone is cleared and drawn */
-    if (size < renderer->targets[CSM_TARGET_SHADOW_MAPS].wanted.width) {
-        gl->Scissor(0, 0, size, size);
-        gl->Enable(GL_SCISSOR_TEST);
-    }
-    gl->ClearNamedFramebufferfv(framebuffer, GL_DEPTH, 0, &farthest);
+    const csm_place place = attach_target(frame, cascade);
+    set_state(frame, &place);
     gl->UseProgram(program);
     gl->Uniform1i(0, cascade);
+    if (frame->settings.effects[CSM_EFFECT_WARPED]) {
+        gl->Uniform1i(1, place.y);
+    }
     if (renderer->draws.command_count) {
         status = csm_draw_list_submit(frame, frame->desc->scene, err);
     }
     gl->Disable(GL_SCISSOR_TEST);
-    csm_timer_stop(renderer, frame->out, timing_names[cascade]);
+    gl->Disable(GL_CULL_FACE);
+    copy_to_place(frame, cascade);
+    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MAP, cascade));
     return status;
 }

@@ -15,7 +15,7 @@
 #define BAND_TAPS (1 << 26) /* compares between two looks at the stop callback */
 
 enum { BLOCK_INSTANCES, BLOCK_POINTS, BLOCK_OUTPUT };
-enum { UNIT_IDS, UNIT_MAPS, UNIT_COMPARE, UNIT_PLANES };
+enum { UNIT_IDS, UNIT_MAPS, UNIT_COMPARE, UNIT_PLANES, UNIT_MOMENTS, UNIT_SEPARATE = 8 };
 
 void csm_bind_view_inputs(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
@@ -27,24 +27,44 @@ void csm_bind_view_inputs(csm_frame *frame) {
     gl->BindSampler(UNIT_IDS, renderer->nearest_sampler);
 }
 
-void csm_mask_bind_inputs(csm_frame *frame) {
+/* Compares by the hardware in the order of the depths. */
+static void set_compare(csm_frame *frame) {
+    const bool reversed = frame->settings.effects[CSM_EFFECT_REVERSED_DEPTH];
+    frame->renderer->gl.SamplerParameteri(frame->renderer->compare_sampler, GL_TEXTURE_COMPARE_FUNC,
+                                          reversed ? GL_GEQUAL : GL_LEQUAL);
+}
+
+void csm_bind_maps(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
-    csm_bind_view_inputs(frame);
+    const GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
+    const bool compared = frame->settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF &&
+                          frame->settings.effects[CSM_EFFECT_FILTER_SIZE] == 2;
+    set_compare(frame);
     gl->BindTextureUnit(UNIT_MAPS, maps);
     gl->BindSampler(UNIT_MAPS, renderer->nearest_sampler);
     gl->BindTextureUnit(UNIT_COMPARE, maps);
     /* a compare sampler without a depth texture is undefined, even if no shader reads it */
     gl->BindSampler(UNIT_COMPARE, maps ? renderer->compare_sampler : renderer->nearest_sampler);
+    if (frame->settings.effects[CSM_EFFECT_STORAGE] == CSM_STORAGE_SEPARATE) {
+        for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
+            const GLuint unit = (GLuint)(UNIT_SEPARATE + i);
+            gl->BindTextureUnit(unit, renderer->targets[CSM_TARGET_SEPARATE + i].texture);
+            gl->BindSampler(unit, compared ? renderer->compare_sampler : renderer->nearest_sampler);
+        }
+    }
 }
 
-static int taps_per_receiver(const csm_settings *settings) {
-    if (settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_PCF) {
-        return 1;
-    }
-    int side = settings->effects[CSM_EFFECT_FILTER_SIZE];
-    return side * side;
+void csm_mask_bind_inputs(csm_frame *frame) {
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const GLuint moments = renderer->targets[CSM_TARGET_MOMENTS].texture;
+    csm_bind_view_inputs(frame);
+    csm_bind_maps(frame);
+    gl->BindTextureUnit(UNIT_MOMENTS, moments);
+    gl->BindSampler(UNIT_MOMENTS, frame->moments.kind == CSM_LOOKS_AT_MOMENTS
+                                      ? renderer->moments_sampler
+                                      : renderer->nearest_sampler);
 }
 
 void csm_mask_set_image(csm_frame *frame, int first, int points) {
@@ -61,6 +81,7 @@ csm_status csm_mask_bind_outputs(csm_frame *frame, csm_error *err) {
         int kind, bytes;
     } wanted[] = {
         {CSM_OUT_MASK, CSM_BUFFER_MASK, 4},
+        {CSM_OUT_MASK_SINGLE, CSM_BUFFER_MASK_SINGLE, 4},
         {CSM_OUT_VALID | CSM_OUT_CASCADE_INDEX, CSM_BUFFER_INDEX, 4},
         {CSM_OUT_VIEW_DEPTH, CSM_BUFFER_DEPTH, 4},
         {CSM_OUT_NORMAL, CSM_BUFFER_NORMAL, 12},
@@ -83,7 +104,29 @@ csm_status csm_mask_bind_outputs(csm_frame *frame, csm_error *err) {
     return CSM_OK;
 }
 
+void csm_no_attachment(csm_frame *frame) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    const csm_camera *camera = &frame->desc->camera;
+    const GLuint framebuffer = frame->renderer->map_framebuffer;
+    gl->NamedFramebufferTexture(framebuffer, GL_DEPTH_ATTACHMENT, 0, 0);
+    gl->NamedFramebufferParameteri(framebuffer, GL_FRAMEBUFFER_DEFAULT_WIDTH, camera->width);
+    gl->NamedFramebufferParameteri(framebuffer, GL_FRAMEBUFFER_DEFAULT_HEIGHT, camera->height);
+    gl->BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+    gl->Viewport(0, 0, camera->width, camera->height);
+}
+
+/* The fragment entry: it writes the same buffers, so nothing is drawn but them. */
+static void cover_rows(csm_frame *frame, int first, int rows) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    csm_no_attachment(frame);
+    gl->Scissor(0, first, frame->desc->camera.width, rows);
+    gl->Enable(GL_SCISSOR_TEST);
+    csm_cover_pixels(frame->renderer);
+    gl->Disable(GL_SCISSOR_TEST);
+}
+
 csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
+    const bool fragment = frame->settings.effects[CSM_EFFECT_STAGE] == CSM_STAGE_FRAGMENT;
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     int width = frame->desc->camera.width, height = frame->desc->camera.height;
@@ -97,7 +140,7 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
     }
     csm_mask_bind_inputs(frame);
     gl->UseProgram(program);
-    int64_t taps_per_row = (int64_t)width * taps_per_receiver(&frame->settings);
+    int64_t taps_per_row = (int64_t)width * csm_settings_taps(&frame->settings);
     int band = (int)(BAND_TAPS / taps_per_row) / GROUP_HEIGHT * GROUP_HEIGHT;
     band = band < GROUP_HEIGHT ? GROUP_HEIGHT : band;
     csm_timer_start(renderer);
@@ -108,8 +151,12 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
             break;
         }
         csm_mask_set_image(frame, first, 0);
-        gl->DispatchCompute((GLuint)((width + GROUP_WIDTH - 1) / GROUP_WIDTH),
-                            (GLuint)((rows + GROUP_HEIGHT - 1) / GROUP_HEIGHT), 1);
+        if (fragment) {
+            cover_rows(frame, first, rows);
+        } else {
+            gl->DispatchCompute((GLuint)((width + GROUP_WIDTH - 1) / GROUP_WIDTH),
+                                (GLuint)((rows + GROUP_HEIGHT - 1) / GROUP_HEIGHT), 1);
+        }
     }
     gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     csm_timer_stop(renderer, frame->out, "shadow_mask");
@@ -153,7 +200,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
     const GladGLContext *gl = &renderer->gl;
     size_t count = frame->desc->point_count;
     GLsizeiptr in_bytes = (GLsizeiptr)(count * 6 * sizeof(float));
-    size_t out_bytes = count * 2 * sizeof(float);
+    size_t out_bytes = count * 4 * sizeof(float);
     GLuint program;
     csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_POINTS, &program, err);
     if (status == CSM_OK && count) {
@@ -171,7 +218,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
                         renderer->buffers[CSM_BUFFER_POINTS].name, 0, (GLsizeiptr)out_bytes);
     gl->UseProgram(program);
     csm_timer_start(renderer);
-    size_t band = (size_t)(BAND_TAPS / taps_per_receiver(&frame->settings)) / POINT_GROUP;
+    size_t band = (size_t)(BAND_TAPS / csm_settings_taps(&frame->settings)) / POINT_GROUP;
     band = (band < 1 ? 1 : band > MAX_GROUPS ? MAX_GROUPS : band) * POINT_GROUP;
     for (size_t first = 0; first < count; first += band) {
         size_t here = count - first < band ? count - first : band;

@@ -10,28 +10,51 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define MAX_DEFINES 8192
+#define MAX_DEFINES 16384
 
-static const struct {
+typedef struct pass_file {
     const char *stage_files[2];
     GLenum stages[2];
-} pass_files[CSM_STEP_COUNT] = {
+} pass_file;
+
+static const pass_file pass_files[CSM_STEP_COUNT] = {
     [CSM_STEP_VIEW] = {{"view.vert", "view.frag"}, {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
     [CSM_STEP_RECEIVER_RANGE] = {{"receiver_range.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
     [CSM_STEP_RECEIVER_BOUNDS] = {{"receiver_bounds.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
     [CSM_STEP_SHADOW_MAP] = {{"shadow_map.vert", "shadow_map.frag"},
                              {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
+    [CSM_STEP_SHADOW_MOMENTS] = {{"shadow_moments.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
+    [CSM_STEP_SHADOW_BLUR] = {{"shadow_blur.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
+    [CSM_STEP_SHADOW_SUM] = {{"shadow_sum.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
     [CSM_STEP_SHADOW_MASK] = {{"shadow_mask.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
     [CSM_STEP_SHADOW_FORWARD] = {{"shadow_forward.vert", "shadow_forward.frag"},
                                  {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
     [CSM_STEP_SHADOW_POINTS] = {{"shadow_points.comp", NULL}, {GL_COMPUTE_SHADER, 0}},
 };
 
+/* The fragment entries of passes over pixels or texels. */
+static const pass_file fragment_files[CSM_STEP_COUNT] = {
+    [CSM_STEP_SHADOW_MOMENTS] = {{"cover.vert", "shadow_moments.frag"},
+                                 {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
+    [CSM_STEP_SHADOW_BLUR] = {{"cover.vert", "shadow_blur.frag"},
+                              {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
+    [CSM_STEP_SHADOW_SUM] = {{"cover.vert", "shadow_sum.frag"},
+                             {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
+    [CSM_STEP_SHADOW_MASK] = {{"cover.vert", "shadow_mask.frag"},
+                              {GL_VERTEX_SHADER, GL_FRAGMENT_SHADER}},
+};
+
+static const pass_file *files_of(const csm_frame *frame, csm_pass pass) {
+    const bool fragment = frame->settings.effects[CSM_EFFECT_STAGE] == CSM_STAGE_FRAGMENT;
+    return fragment && fragment_files[pass].stage_files[0] ? &fragment_files[pass]
+                                                           : &pass_files[pass];
+}
+
 /* The rasteriser's own depth serves every map that is not warped. */
 static int stage_count(const csm_frame *frame, csm_pass pass) {
     const bool own_depth =
         pass == CSM_STEP_SHADOW_MAP && !frame->settings.effects[CSM_EFFECT_WARPED];
-    return pass_files[pass].stage_files[1] && !own_depth ? 2 : 1;
+    return files_of(frame, pass)->stage_files[1] && !own_depth ? 2 : 1;
 }
 
 /* Number after "0:" or "0(" at the start of a log line; 0 if there is none. */
@@ -121,9 +144,10 @@ static csm_status link_program(csm_frame *frame, csm_pass pass, GLuint *out_name
     GLint linked = 0;
     csm_status status = CSM_OK;
     const int stages = stage_count(frame, pass);
+    const pass_file *files = files_of(frame, pass);
     for (int i = 0; i < stages && status == CSM_OK; i++) {
-        status = compile_stage(frame, pass, pass_files[pass].stage_files[i],
-                               pass_files[pass].stages[i], &shaders[i], err);
+        status =
+            compile_stage(frame, pass, files->stage_files[i], files->stages[i], &shaders[i], err);
     }
     if (status == CSM_OK) {
         name = gl->CreateProgram();

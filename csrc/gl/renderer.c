@@ -69,26 +69,40 @@ static void read_info(csm_renderer *renderer) {
     gl->GetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &info->max_layers);
     gl->GetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &buffer_bytes);
     info->max_buffer_bytes = buffer_bytes;
+    gl->GetIntegerv(GL_MAX_DEPTH_TEXTURE_SAMPLES, &info->max_samples);
+}
+
+static GLuint make_sampler(csm_renderer *renderer, GLenum filter, const char *label) {
+    const GladGLContext *gl = &renderer->gl;
+    GLuint name;
+    gl->CreateSamplers(1, &name);
+    gl->SamplerParameteri(name, GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
+    gl->SamplerParameteri(name, GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
+    gl->SamplerParameteri(name, GL_TEXTURE_MIN_FILTER, (GLint)filter);
+    gl->SamplerParameteri(name, GL_TEXTURE_MAG_FILTER, (GLint)filter);
+    csm_debug_label(renderer, GL_SAMPLER, name, label);
+    renderer->info.live_objects++;
+    return name;
 }
 
 static void make_samplers(csm_renderer *renderer) {
     const GladGLContext *gl = &renderer->gl;
-    GLuint names[2];
-    gl->CreateSamplers(2, names);
-    for (int i = 0; i < 2; i++) {
-        gl->SamplerParameteri(names[i], GL_TEXTURE_WRAP_S, GL_CLAMP_TO_EDGE);
-        gl->SamplerParameteri(names[i], GL_TEXTURE_WRAP_T, GL_CLAMP_TO_EDGE);
-    }
-    gl->SamplerParameteri(names[0], GL_TEXTURE_MIN_FILTER, GL_NEAREST);
-    gl->SamplerParameteri(names[0], GL_TEXTURE_MAG_FILTER, GL_NEAREST);
-    gl->SamplerParameteri(names[1], GL_TEXTURE_MIN_FILTER, GL_LINEAR);
-    gl->SamplerParameteri(names[1], GL_TEXTURE_MAG_FILTER, GL_LINEAR);
-    gl->SamplerParameteri(names[1], GL_TEXTURE_COMPARE_MODE, GL_COMPARE_REF_TO_TEXTURE);
-    gl->SamplerParameteri(names[1], GL_TEXTURE_COMPARE_FUNC, GL_LEQUAL);
-    renderer->nearest_sampler = names[0];
-    renderer->compare_sampler = names[1];
-    csm_debug_label(renderer, GL_SAMPLER, names[0], "nearest");
-    csm_debug_label(renderer, GL_SAMPLER, names[1], "compare");
+    renderer->nearest_sampler = make_sampler(renderer, GL_NEAREST, "nearest");
+    renderer->moments_sampler = make_sampler(renderer, GL_LINEAR, "moments");
+    renderer->compare_sampler = make_sampler(renderer, GL_LINEAR, "compare");
+    gl->SamplerParameteri(renderer->compare_sampler, GL_TEXTURE_COMPARE_MODE,
+                          GL_COMPARE_REF_TO_TEXTURE);
+}
+
+static GLuint make_framebuffer(csm_renderer *renderer, GLenum draws, const char *label) {
+    const GladGLContext *gl = &renderer->gl;
+    GLuint name;
+    gl->CreateFramebuffers(1, &name);
+    gl->NamedFramebufferDrawBuffer(name, draws);
+    gl->NamedFramebufferReadBuffer(name, draws);
+    csm_debug_label(renderer, GL_FRAMEBUFFER, name, label);
+    renderer->info.live_objects++;
+    return name;
 }
 
 static csm_status set_up(csm_renderer *renderer, csm_error *err) {
@@ -102,17 +116,17 @@ static csm_status set_up(csm_renderer *renderer, csm_error *err) {
     read_info(renderer);
     gl->ClipControl(GL_LOWER_LEFT, GL_ZERO_TO_ONE);
     gl->PixelStorei(GL_PACK_ALIGNMENT, 1);
-    gl->CreateFramebuffers(1, &renderer->view_framebuffer);
-    gl->CreateFramebuffers(1, &renderer->map_framebuffer);
-    gl->NamedFramebufferDrawBuffer(renderer->view_framebuffer, GL_COLOR_ATTACHMENT0);
-    gl->NamedFramebufferDrawBuffer(renderer->map_framebuffer, GL_NONE);
-    gl->NamedFramebufferReadBuffer(renderer->map_framebuffer, GL_NONE);
-    csm_debug_label(renderer, GL_FRAMEBUFFER, renderer->view_framebuffer, "view");
-    csm_debug_label(renderer, GL_FRAMEBUFFER, renderer->map_framebuffer, "shadow_map");
+    gl->Enable(GL_TEXTURE_CUBE_MAP_SEAMLESS);
+    renderer->view_framebuffer = make_framebuffer(renderer, GL_COLOR_ATTACHMENT0, "view");
+    renderer->map_framebuffer = make_framebuffer(renderer, GL_NONE, "shadow_map");
+    renderer->filter_framebuffer =
+        make_framebuffer(renderer, GL_COLOR_ATTACHMENT0, "shadow_filter");
     make_samplers(renderer);
+    gl->CreateVertexArrays(1, &renderer->no_vertices);
+    csm_debug_label(renderer, GL_VERTEX_ARRAY, renderer->no_vertices, "no vertices");
     gl->CreateQueries(GL_TIME_ELAPSED, 1, &renderer->timer.query);
     renderer->timer.queries = !renderer->info.software;
-    renderer->info.live_objects = 5; /* framebuffers, samplers, the query */
+    renderer->info.live_objects += 2;
     renderer->frame_uniforms = csm_buffer_make(renderer, "frame", sizeof(csm_frame_uniforms), NULL,
                                                GL_DYNAMIC_STORAGE_BIT);
     return csm_debug_check(renderer, "set-up", err);
@@ -130,8 +144,11 @@ static void tear_down(csm_renderer *renderer) {
     csm_buffer_drop(renderer, &renderer->frame_uniforms);
     gl->DeleteFramebuffers(1, &renderer->view_framebuffer);
     gl->DeleteFramebuffers(1, &renderer->map_framebuffer);
+    gl->DeleteFramebuffers(1, &renderer->filter_framebuffer);
     gl->DeleteSamplers(1, &renderer->nearest_sampler);
     gl->DeleteSamplers(1, &renderer->compare_sampler);
+    gl->DeleteSamplers(1, &renderer->moments_sampler);
+    gl->DeleteVertexArrays(1, &renderer->no_vertices);
     gl->DeleteQueries(1, &renderer->timer.query);
 }
 
@@ -148,6 +165,7 @@ csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out
     pthread_mutexattr_destroy(&attributes);
     renderer->owner = getpid();
     renderer->debug = desc->debug;
+    renderer->info.stage = desc->stage;
     renderer->read = desc->read;
     renderer->read_user = desc->read_user;
 
@@ -271,6 +289,18 @@ static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_erro
     case CSM_STEP_SHADOW_MAP:
         status = csm_pass_shadow_map(frame, step->cascade, err);
         break;
+    case CSM_STEP_SHADOW_MOMENTS:
+        status = csm_pass_shadow_moments(frame, step->cascade, err);
+        break;
+    case CSM_STEP_SHADOW_BLUR:
+        status = csm_pass_shadow_blur(frame, step->cascade, err);
+        break;
+    case CSM_STEP_SHADOW_SUM:
+        status = csm_pass_shadow_sum(frame, step->cascade, err);
+        break;
+    case CSM_STEP_SHADOW_MIPS:
+        status = csm_pass_shadow_mips(frame, err);
+        break;
     case CSM_STEP_SHADOW_MASK:
         status = csm_pass_shadow_mask(frame, err);
         break;
@@ -290,12 +320,16 @@ static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_erro
 static void read_maps(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
+    const bool reversed = frame->settings.effects[CSM_EFFECT_REVERSED_DEPTH];
     for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
-        gl->NamedFramebufferTextureLayer(renderer->map_framebuffer, GL_DEPTH_ATTACHMENT,
-                                         renderer->targets[CSM_TARGET_SHADOW_MAPS].texture, 0, i);
+        const csm_place place = csm_map_attach(frame, i);
+        float *out = frame->out->shadow_maps[i];
         gl->BindFramebuffer(GL_READ_FRAMEBUFFER, renderer->map_framebuffer);
-        int size = frame->settings.map_size[i];
-        gl->ReadPixels(0, 0, size, size, GL_DEPTH_COMPONENT, GL_FLOAT, frame->out->shadow_maps[i]);
+        gl->ReadPixels(place.x, place.y, place.size, place.size, GL_DEPTH_COMPONENT, GL_FLOAT, out);
+        const size_t texels = (size_t)place.size * (size_t)place.size;
+        for (size_t t = 0; reversed && t < texels; t++) {
+            out[t] = 1.0f - out[t];
+        }
     }
 }
 
@@ -312,6 +346,7 @@ static void read_back(csm_frame *frame) {
     double start = csm_clock_ms();
     csm_host_buffers_fetch(frame->renderer);
     copy_mapped(frame, CSM_BUFFER_MASK, out->mask, pixels * sizeof(float));
+    copy_mapped(frame, CSM_BUFFER_MASK_SINGLE, out->mask_single, pixels * sizeof(float));
     copy_mapped(frame, CSM_BUFFER_DEPTH, out->view_depth, pixels * sizeof(float));
     copy_mapped(frame, CSM_BUFFER_NORMAL, out->normal, 3 * pixels * sizeof(float));
     const uint32_t *packed = frame->renderer->buffers[CSM_BUFFER_INDEX].mapped;
@@ -324,11 +359,15 @@ static void read_back(csm_frame *frame) {
     if (out->shadow_maps[0]) {
         read_maps(frame);
     }
+    for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT] && out->moments[i]; i++) {
+        csm_moments_read(frame, i, out->moments[i]);
+    }
     bool shadowed = frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;
     const float *answers = frame->renderer->buffers[CSM_BUFFER_POINTS].mapped;
     for (size_t i = 0; i < desc->point_count && out->point_visibility; i++) {
-        out->point_visibility[i] = shadowed ? answers[2 * i] : 1.0f;
-        out->point_cascade[i] = shadowed ? (uint8_t)answers[2 * i + 1] : 255;
+        out->point_visibility[i] = shadowed ? answers[4 * i] : 1.0f;
+        out->point_cascade[i] = shadowed ? (uint8_t)answers[4 * i + 1] : 255;
+        out->point_blend_weight[i] = shadowed ? answers[4 * i + 2] : 0.0f;
     }
     if (out->timing_count < CSM_MAX_TIMINGS) {
         out->timing_names[out->timing_count] = "readback";
@@ -454,9 +493,13 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
     csm_status status = check_render(desc, err);
     if (status == CSM_OK) {
         frame.settings.effects[CSM_EFFECT_INSTANCES] = desc->scene->geometry.instance_count > 1;
+        frame.settings.effects[CSM_EFFECT_STAGE] = renderer->info.stage;
         csm_settings_canonical(&frame.settings);
         status = csm_plan_make(&frame.settings, desc->camera.width, desc->camera.height,
                                desc->outputs, &frame.plan, err);
+        int size[2];
+        csm_storage_places(&frame.settings, frame.places, size);
+        frame.moments = csm_settings_moments(&frame.settings);
     }
     if (status == CSM_OK) {
         status = enter(renderer, &saved, err);

@@ -8,17 +8,41 @@ static const struct {
     const char *name;
     GLenum format;
 } formats[] = {
-    {"r32ui", GL_R32UI},           {"rg32ui", GL_RG32UI},         {"d32f", GL_DEPTH_COMPONENT32F},
-    {"d24", GL_DEPTH_COMPONENT24}, {"d16", GL_DEPTH_COMPONENT16},
+    {"r32ui", GL_R32UI},
+    {"rg32ui", GL_RG32UI},
+    {"d32f", GL_DEPTH_COMPONENT32F},
+    {"d24", GL_DEPTH_COMPONENT24},
+    {"d16", GL_DEPTH_COMPONENT16},
+    {"r32f", GL_R32F},
+    {"rg32f", GL_RG32F},
+    {"rgba32f", GL_RGBA32F},
+    {"r16f", GL_R16F},
+    {"rg16f", GL_RG16F},
+    {"rgba16f", GL_RGBA16F},
+    {"r16", GL_R16},
+    {"rg16", GL_RG16},
+    {"rgba16", GL_RGBA16},
 };
 
 static const char *const target_names[CSM_TARGET_COUNT] = {
     [CSM_TARGET_VIEW_IDS] = "view_ids",
     [CSM_TARGET_VIEW_DEPTH] = "view_depth",
     [CSM_TARGET_SHADOW_MAPS] = "shadow_maps",
+    [CSM_TARGET_SEPARATE] = "shadow_maps_0",
+    [CSM_TARGET_SEPARATE + 1] = "shadow_maps_1",
+    [CSM_TARGET_SEPARATE + 2] = "shadow_maps_2",
+    [CSM_TARGET_SEPARATE + 3] = "shadow_maps_3",
+    [CSM_TARGET_SEPARATE + 4] = "shadow_maps_4",
+    [CSM_TARGET_SEPARATE + 5] = "shadow_maps_5",
+    [CSM_TARGET_SEPARATE + 6] = "shadow_maps_6",
+    [CSM_TARGET_SEPARATE + 7] = "shadow_maps_7",
+    [CSM_TARGET_SHADOW_TILE] = "shadow_tile",
+    [CSM_TARGET_SHADOW_SAMPLES] = "shadow_samples",
+    [CSM_TARGET_MOMENTS] = "moments",
+    [CSM_TARGET_MOMENTS_BETWEEN] = "moments_between",
 };
 
-static GLenum format_named(const char *name) {
+GLenum csm_format_named(const char *name) {
     for (size_t i = 0; i < sizeof formats / sizeof *formats; i++) {
         if (!strcmp(formats[i].name, name)) {
             return formats[i].format;
@@ -34,6 +58,8 @@ static void drop(csm_renderer *renderer, csm_target *target) {
         gl->NamedFramebufferTexture(renderer->view_framebuffer, GL_COLOR_ATTACHMENT0, 0, 0);
         gl->NamedFramebufferTexture(renderer->view_framebuffer, GL_DEPTH_ATTACHMENT, 0, 0);
         gl->NamedFramebufferTexture(renderer->map_framebuffer, GL_DEPTH_ATTACHMENT, 0, 0);
+        gl->NamedFramebufferTexture(renderer->filter_framebuffer, GL_COLOR_ATTACHMENT0, 0, 0);
+        gl->NamedFramebufferTexture(renderer->filter_framebuffer, GL_DEPTH_ATTACHMENT, 0, 0);
         gl->DeleteTextures(1, &target->texture);
         renderer->info.live_objects--;
     }
@@ -43,21 +69,32 @@ static void drop(csm_renderer *renderer, csm_target *target) {
 static csm_status make(csm_renderer *renderer, csm_target *target, const csm_plan_texture *wanted,
                        csm_error *err) {
     const GladGLContext *gl = &renderer->gl;
-    bool layered = !strcmp(wanted->name, target_names[CSM_TARGET_SHADOW_MAPS]);
     int largest = wanted->width > wanted->height ? wanted->width : wanted->height;
     if (largest > renderer->info.max_texture_size || wanted->layers > renderer->info.max_layers) {
         return csm_fail(err, CSM_ERROR_LIMIT, "%s %d x %d x %d exceeds GL_MAX_TEXTURE_SIZE %d",
                         wanted->name, wanted->width, wanted->height, wanted->layers,
                         renderer->info.max_texture_size);
     }
-    GLenum format = format_named(wanted->format);
-    gl->CreateTextures(layered ? GL_TEXTURE_2D_ARRAY : GL_TEXTURE_2D, 1, &target->texture);
+    if (wanted->samples > renderer->info.max_samples) {
+        return csm_fail(err, CSM_ERROR_LIMIT, "samples %d exceeds the driver's %d for depths",
+                        wanted->samples, renderer->info.max_samples);
+    }
+    const GLenum format = csm_format_named(wanted->format);
+    const GLenum kind = wanted->samples > 1                 ? GL_TEXTURE_2D_MULTISAMPLE
+                        : wanted->kind == CSM_TEXTURE_ARRAY ? GL_TEXTURE_2D_ARRAY
+                        : wanted->kind == CSM_TEXTURE_CUBE  ? GL_TEXTURE_CUBE_MAP
+                                                            : GL_TEXTURE_2D;
+    gl->CreateTextures(kind, 1, &target->texture);
     renderer->info.live_objects++;
-    if (layered) {
-        gl->TextureStorage3D(target->texture, 1, format, wanted->width, wanted->height,
+    if (kind == GL_TEXTURE_2D_MULTISAMPLE) {
+        gl->TextureStorage2DMultisample(target->texture, wanted->samples, format, wanted->width,
+                                        wanted->height, GL_TRUE);
+    } else if (kind == GL_TEXTURE_2D_ARRAY) {
+        gl->TextureStorage3D(target->texture, wanted->levels, format, wanted->width, wanted->height,
                              wanted->layers);
     } else {
-        gl->TextureStorage2D(target->texture, 1, format, wanted->width, wanted->height);
+        gl->TextureStorage2D(target->texture, wanted->levels, format, wanted->width,
+                             wanted->height);
     }
     csm_debug_label(renderer, GL_TEXTURE, target->texture, wanted->name);
     target->wanted = *wanted;
@@ -134,8 +171,8 @@ void csm_buffer_drop(csm_renderer *renderer, GLuint *name) {
  * buffer. */
 csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err) {
     static const char *const labels[CSM_BUFFER_COUNT] = {
-        "mask",   "cascade_index",   "view_depth",    "normal",
-        "points", "receiver_bounds", "receiver_range"};
+        "mask",   "cascade_index",   "view_depth",     "normal",
+        "points", "receiver_bounds", "receiver_range", "mask_single"};
     csm_host_buffer *buffer = &renderer->buffers[kind];
     const GLbitfield flags = GL_MAP_READ_BIT | GL_MAP_PERSISTENT_BIT;
     if (buffer->size >= (GLsizeiptr)size) {

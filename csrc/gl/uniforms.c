@@ -91,6 +91,45 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
     uniforms->slope[i][3] = manual ? (float)(largest / span) : 0.0f;
 }
 
+/* Where the map lies, and how wide its kernel is. */
+static void write_kernel(const csm_frame *frame, int i, csm_frame_uniforms *uniforms) {
+    const csm_cascades *cascades = &frame->out->cascades;
+    const csm_camera *camera = &frame->desc->camera;
+    const int *effects = frame->settings.effects;
+    const double span = cascades->depth_range[i][1] - cascades->depth_range[i][0];
+    const double half = 0.5 * effects[CSM_EFFECT_FILTER_SIZE];
+    const double *texel = cascades->texel_size[i], *first = cascades->texel_size[0];
+    const double largest = fmax(texel[0], texel[1]);
+    const bool world = effects[CSM_EFFECT_KERNEL] == CSM_KERNEL_WORLD;
+    /* as wide [m] as in the first cascade, but never wider in texels nor below one compare */
+    const double share = world ? fmin(fmax(first[0], first[1]) / largest, 1.0) : 1.0;
+    uniforms->kernel[i][0] = (float)fmax(half * share, 0.5);
+    uniforms->kernel[i][1] = (float)(half * 2.0 * camera->half_height / camera->height / largest);
+    uniforms->kernel[i][2] = (float)span;
+    uniforms->kernel[i][3] = (float)(1.0 / largest);
+    uniforms->place[i][0] = frame->places[i].x;
+    uniforms->place[i][1] = frame->places[i].y;
+    uniforms->place[i][2] = frame->places[i].layer;
+}
+
+static void write_filter(const csm_frame *frame, csm_frame_uniforms *uniforms) {
+    const csm_cascades *cascades = &frame->out->cascades;
+    const csm_settings *settings = &frame->settings;
+    const double last = cascades->splits[cascades->count];
+    const double fade = settings->fade_width * (last - cascades->splits[0]);
+    double exponents[2];
+    csm_settings_exponents(settings, exponents);
+    to_floats((const double[4]){settings->blend_width, last - fade, fade > 0.0 ? 1.0 / fade : 0.0,
+                                tan(0.5 * frame->desc->angular_diameter)},
+              4, uniforms->blend);
+    to_floats((const double[4]){exponents[0], exponents[1], csm_settings_least_variance(settings),
+                                csm_settings_moment_bias(settings)},
+              4, uniforms->moments);
+    to_floats((const double[4]){settings->bleed_step, 1.0 / (1.0 - settings->bleed_step),
+                                settings->bleed_power, ldexp(1.0, frame->moments.sum_bits) - 1.0},
+              4, uniforms->bleed);
+}
+
 void csm_frame_write_view(csm_frame *frame) {
     const csm_render_desc *desc = frame->desc;
     csm_frame_uniforms *uniforms = &frame->uniforms;
@@ -137,7 +176,9 @@ void csm_frame_write_cascades(csm_frame *frame) {
     csm_frame_write_light(frame);
     for (int i = 0; i < cascades->count; i++) {
         write_cascade(frame, i, &bias, uniforms);
+        write_kernel(frame, i, uniforms);
     }
+    write_filter(frame, uniforms);
 }
 
 /* Local coordinates are those of csm_warp, from the scene's origin instead of the eye. */

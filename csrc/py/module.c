@@ -8,6 +8,8 @@ static int add_constants(PyObject *module) {
         unsigned bit;
     } outputs[] = {
         {"mask", CSM_OUT_MASK},
+        {"mask_single", CSM_OUT_MASK_SINGLE},
+        {"moments", CSM_OUT_MOMENTS},
         {"valid", CSM_OUT_VALID},
         {"view_depth", CSM_OUT_VIEW_DEPTH},
         {"cascade_index", CSM_OUT_CASCADE_INDEX},

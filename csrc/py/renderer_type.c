@@ -73,11 +73,11 @@ static bool signal_arrived(void *user) {
  */
 
 static PyObject *renderer_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"backend", "debug", "shader_folder", NULL};
-    int backend, debug;
+    static char *names[] = {"backend", "debug", "shader_folder", "stage", NULL};
+    int backend, debug, stage = CSM_STAGE_COMPUTE;
     const char *folder;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "ips:Renderer", names, &backend, &debug,
-                                     &folder)) {
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "ips|i:Renderer", names, &backend, &debug,
+                                     &folder, &stage)) {
         return NULL;
     }
     renderer_object *self = (renderer_object *)type->tp_alloc(type, 0);
@@ -89,7 +89,7 @@ static PyObject *renderer_new(PyTypeObject *type, PyObject *args, PyObject *kwar
         Py_DECREF(self);
         return PyErr_NoMemory();
     }
-    csm_renderer_desc desc = {backend, debug, read_shader, self->shader_folder};
+    csm_renderer_desc desc = {backend, stage, debug, read_shader, self->shader_folder};
     csm_error err = {0};
     csm_status status;
     Py_BEGIN_ALLOW_THREADS
@@ -282,24 +282,23 @@ static void *output(PyObject *arrays, const char *name, int type, npy_intp count
     return array_data(PyDict_GetItemString(arrays, name), name, type, count, ok);
 }
 
-/* One array of equal maps, or a tuple of maps. */
-static void bind_maps(PyObject *arrays, const csm_settings *settings, csm_render_out *out,
-                      bool *ok) {
-    PyObject *value = PyDict_GetItemString(arrays, "shadow_maps");
+/* One array of equal maps, or a tuple of maps, of so many numbers a texel. */
+static void bind_maps(PyObject *arrays, const char *name, const csm_settings *settings,
+                      npy_intp numbers, float **out, bool *ok) {
+    PyObject *value = PyDict_GetItemString(arrays, name);
     const int count = settings->effects[CSM_EFFECT_CASCADE_COUNT];
     const bool apart = value && PyTuple_Check(value);
     if (apart && PyTuple_GET_SIZE(value) != count) {
-        PyErr_Format(PyExc_ValueError, "out: shadow_maps must be %d arrays", count);
+        PyErr_Format(PyExc_ValueError, "out: %s must be %d arrays", name, count);
         *ok = false;
     }
-    const npy_intp first = (npy_intp)settings->map_size[0] * settings->map_size[0];
-    float *whole = apart ? NULL : array_data(value, "shadow_maps", NPY_FLOAT32, count * first, ok);
+    const npy_intp first = (npy_intp)settings->map_size[0] * settings->map_size[0] * numbers;
+    float *whole = apart ? NULL : array_data(value, name, NPY_FLOAT32, count * first, ok);
     for (int i = 0; i < count && *ok; i++) {
-        const npy_intp texels = (npy_intp)settings->map_size[i] * settings->map_size[i];
-        out->shadow_maps[i] =
-            apart   ? array_data(PyTuple_GET_ITEM(value, i), "shadow_maps", NPY_FLOAT32, texels, ok)
-            : whole ? whole + i * first
-                    : NULL;
+        const npy_intp size = (npy_intp)settings->map_size[i] * settings->map_size[i] * numbers;
+        out[i] = apart   ? array_data(PyTuple_GET_ITEM(value, i), name, NPY_FLOAT32, size, ok)
+                 : whole ? whole + i * first
+                         : NULL;
     }
 }
 
@@ -308,13 +307,20 @@ static bool bind_arrays(PyObject *arrays, const csm_render_desc *desc, csm_rende
     npy_intp pixels = (npy_intp)desc->camera.width * desc->camera.height;
     npy_intp points = (npy_intp)desc->point_count;
     out->mask = output(arrays, "mask", NPY_FLOAT32, pixels, &ok);
+    out->mask_single = output(arrays, "mask_single", NPY_FLOAT32, pixels, &ok);
     out->valid = output(arrays, "valid", NPY_BOOL, pixels, &ok);
     out->view_depth = output(arrays, "view_depth", NPY_FLOAT32, pixels, &ok);
     out->cascade_index = output(arrays, "cascade_index", NPY_UINT8, pixels, &ok);
     out->normal = output(arrays, "normal", NPY_FLOAT32, 3 * pixels, &ok);
-    bind_maps(arrays, &desc->settings, out, &ok);
+    csm_settings canonical = desc->settings;
+    csm_settings_canonical(&canonical);
+    const csm_moments moments = csm_settings_moments(&canonical);
+    bind_maps(arrays, "shadow_maps", &desc->settings, 1, out->shadow_maps, &ok);
+    bind_maps(arrays, "moments", &desc->settings, moments.channels * moments.slices, out->moments,
+              &ok);
     out->point_visibility = output(arrays, "point_visibility", NPY_FLOAT32, points, &ok);
     out->point_cascade = output(arrays, "point_cascade", NPY_UINT8, points, &ok);
+    out->point_blend_weight = output(arrays, "point_blend_weight", NPY_FLOAT32, points, &ok);
     return ok;
 }
 
@@ -364,10 +370,10 @@ static PyObject *result_of(const csm_render_out *out) {
                          out->programs_compiled);
 }
 
-PyDoc_STRVAR(
-    render_doc,
-    "render(scene, camera, to_light, settings, scene_bounds, held, outputs, arrays, "
-    "points, point_normals)\n--\n\nFits cascades, runs the plan, fills the arrays of the dict.");
+PyDoc_STRVAR(render_doc,
+             "render(scene, camera, to_light, settings, scene_bounds, held, outputs, arrays, "
+             "points, point_normals, angular_diameter)\n--\n\nFits cascades, runs the plan, fills "
+             "the arrays of the dict.");
 
 static PyObject *renderer_render(PyObject *object, PyObject *args) {
     PyObject *capsule, *camera, *to_light, *settings, *bounds, *held, *arrays, *points, *normals;
@@ -377,14 +383,17 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
     csm_error err = {0};
     csm_status status;
     unsigned outputs;
+    double angular_diameter;
     if (!renderer ||
-        !PyArg_ParseTuple(args, "OOOOOOIO!OO:render", &capsule, &camera, &to_light, &settings,
-                          &bounds, &held, &outputs, &PyDict_Type, &arrays, &points, &normals) ||
+        !PyArg_ParseTuple(args, "OOOOOOIO!OOd:render", &capsule, &camera, &to_light, &settings,
+                          &bounds, &held, &outputs, &PyDict_Type, &arrays, &points, &normals,
+                          &angular_diameter) ||
         csm_py_parse_fit(camera, to_light, settings, bounds, held, Py_None, Py_None, &fit) < 0) {
         return NULL;
     }
     csm_render_desc desc = {.scene = PyCapsule_GetPointer(capsule, SCENE_CAPSULE),
                             .camera = fit.desc.camera,
+                            .angular_diameter = angular_diameter,
                             .settings = fit.settings,
                             .scene_bounds = fit.desc.scene_bounds,
                             .held = fit.desc.held,
@@ -446,7 +455,8 @@ static PyType_Slot renderer_slots[] = {
     {Py_tp_new, renderer_new},
     {Py_tp_dealloc, renderer_dealloc},
     {Py_tp_methods, renderer_methods},
-    {Py_tp_doc, "Renderer(backend, debug, shader_folder)\n--\n\nA context and what is on it."},
+    {Py_tp_doc,
+     "Renderer(backend, debug, shader_folder, stage=0)\n--\n\nA context and what is on it."},
     {0, NULL},
 };
 

@@ -94,15 +94,15 @@ int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
         }
     }
     int count = out->effects[CSM_EFFECT_CASCADE_COUNT];
-    if (parse_map_size(settings, count, out->map_size) < 0 ||
-        csm_py_attribute_double(settings, "lam", &out->lam) < 0 ||
-        csm_py_attribute_double(settings, "first_split", &out->first_split) < 0 ||
-        csm_py_attribute_double(settings, "max_distance", &out->max_distance) < 0 ||
-        csm_py_attribute_double(settings, "sun_step_deg", &out->sun_step_deg) < 0 ||
-        csm_py_attribute_double(settings, "constant_bias_texels", &out->constant_bias_texels) < 0 ||
-        csm_py_attribute_double(settings, "slope_bias", &out->slope_bias) < 0 ||
-        csm_py_attribute_double(settings, "normal_offset_texels", &out->normal_offset_texels) < 0) {
+    if (parse_map_size(settings, count, out->map_size) < 0) {
         return -1;
+    }
+    const csm_number_info *number;
+    for (int i = 0; (number = csm_number_describe(i)); i++) {
+        double *value = (double *)((char *)out + number->offset);
+        if (csm_py_attribute_double(settings, number->name, value) < 0) {
+            return -1;
+        }
     }
     if (out->effects[CSM_EFFECT_DEPTH_RANGE] == CSM_DEPTH_RANGE_MANUAL &&
         csm_py_attribute_vector(settings, "manual_depth_range", 2, out->manual_depth_range) < 0) {
@@ -206,17 +206,15 @@ static PyObject *canonical_settings(PyObject *module, PyObject *object) {
         set_item(dict, "manual_splits", floats(settings.manual_splits, manual ? count - 1 : 0)) <
             0 ||
         set_item(dict, "manual_depth_range", floats(settings.manual_depth_range, ranged ? 2 : 0)) <
-            0 ||
-        set_item(dict, "lam", PyFloat_FromDouble(settings.lam)) < 0 ||
-        set_item(dict, "first_split", PyFloat_FromDouble(settings.first_split)) < 0 ||
-        set_item(dict, "max_distance", PyFloat_FromDouble(settings.max_distance)) < 0 ||
-        set_item(dict, "sun_step_deg", PyFloat_FromDouble(settings.sun_step_deg)) < 0 ||
-        set_item(dict, "constant_bias_texels", PyFloat_FromDouble(settings.constant_bias_texels)) <
-            0 ||
-        set_item(dict, "slope_bias", PyFloat_FromDouble(settings.slope_bias)) < 0 ||
-        set_item(dict, "normal_offset_texels", PyFloat_FromDouble(settings.normal_offset_texels)) <
             0) {
         goto fail;
+    }
+    const csm_number_info *number;
+    for (int i = 0; (number = csm_number_describe(i)); i++) {
+        const double value = *(const double *)((const char *)&settings + number->offset);
+        if (set_item(dict, number->name, PyFloat_FromDouble(value)) < 0) {
+            goto fail;
+        }
     }
     return dict;
 fail:
@@ -244,6 +242,39 @@ static PyObject *effect_table(PyObject *module, PyObject *unused) {
         Py_XDECREF(item);
     }
     return list;
+}
+
+PyDoc_STRVAR(number_table_doc, "number_table()\n--\n\n"
+                               "Rows of the table of numbers as dicts, in order.");
+
+static PyObject *number_table(PyObject *module, PyObject *unused) {
+    (void)module;
+    (void)unused;
+    PyObject *list = PyList_New(0);
+    const csm_number_info *row;
+    for (int i = 0; list && (row = csm_number_describe(i)); i++) {
+        PyObject *item =
+            Py_BuildValue("{s:s,s:d,s:d,s:d,s:s}", "name", row->name, "default", row->default_value,
+                          "min", row->min, "max", row->max, "help", row->help);
+        if (!item || PyList_Append(list, item) < 0) {
+            Py_CLEAR(list);
+        }
+        Py_XDECREF(item);
+    }
+    return list;
+}
+
+PyDoc_STRVAR(moment_numbers_doc, "moment_numbers(settings)\n--\n\n"
+                                 "Numbers of a texel that a prefiltered filter looks up; 0: none.");
+
+static PyObject *moment_numbers(PyObject *module, PyObject *object) {
+    csm_settings settings;
+    if (parse_valid(module, object, &settings) < 0) {
+        return NULL;
+    }
+    csm_settings_canonical(&settings);
+    const csm_moments moments = csm_settings_moments(&settings);
+    return PyLong_FromLong(moments.channels * moments.slices);
 }
 
 PyDoc_STRVAR(bias_terms_doc, "bias_terms(settings)\n--\n\n"
@@ -275,9 +306,9 @@ static PyObject *plan_lists(const csm_plan *plan) {
     }
     for (int i = 0; i < plan->texture_count && complete; i++) {
         const csm_plan_texture *texture = &plan->textures[i];
-        PyObject *item =
-            Py_BuildValue("(ssiiiK)", texture->name, texture->format, texture->width,
-                          texture->height, texture->layers, (unsigned long long)texture->bytes);
+        PyObject *item = Py_BuildValue("(ssiiiiiK)", texture->name, texture->format, texture->width,
+                                       texture->height, texture->layers, texture->samples,
+                                       texture->levels, (unsigned long long)texture->bytes);
         complete = item && PyList_Append(textures, item) == 0;
         Py_XDECREF(item);
     }
@@ -327,7 +358,7 @@ static PyObject *program_defines(PyObject *module, PyObject *args) {
     unsigned outputs;
     int instanced = 0;
     csm_settings settings;
-    char text[8192];
+    char text[16384];
     if (!PyArg_ParseTuple(args, "sOI|p:program_defines", &pass_name, &object, &outputs,
                           &instanced) ||
         parse_valid(module, object, &settings) < 0) {
@@ -348,6 +379,8 @@ PyMethodDef csm_py_settings_methods[] = {
     {"validate_settings", validate_settings, METH_O, validate_settings_doc},
     {"canonical_settings", canonical_settings, METH_O, canonical_settings_doc},
     {"effect_table", effect_table, METH_NOARGS, effect_table_doc},
+    {"number_table", number_table, METH_NOARGS, number_table_doc},
+    {"moment_numbers", moment_numbers, METH_O, moment_numbers_doc},
     {"bias_terms", bias_terms, METH_O, bias_terms_doc},
     {"plan", plan, METH_VARARGS, plan_doc},
     {"program_defines", program_defines, METH_VARARGS, program_defines_doc},

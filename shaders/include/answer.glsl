@@ -6,6 +6,12 @@ layout(std430, binding = 2) writeonly buffer mask_block
     float mask[];
 };
 #endif
+#if CSM_OUT_MASK_SINGLE
+layout(std430, binding = 9) writeonly buffer mask_single_block
+{
+    float mask_single[];
+};
+#endif
 #if CSM_OUT_VALID || CSM_OUT_CASCADE_INDEX
 layout(std430, binding = 3) writeonly buffer index_block
 {
@@ -30,10 +36,16 @@ void write_answer(ivec2 pixel, receiver point, bool seen)
     // row 0 is on top outside, at the bottom in GL
     int place = (frame.image.y - 1 - pixel.y) * frame.image.x + pixel.x;
     int cascade = no_cascade;
-#if CSM_OUT_MASK
+#if CSM_OUT_MASK || CSM_OUT_MASK_SINGLE
     bool facing = dot(point.normal, frame.to_light.xyz) > facing_limit;
-    float visibility = receiver_visibility(point, cascade);
-    mask[place] = seen ? (facing ? visibility : 0.0) : 1.0;
+    verdict found = receiver_verdict(point);
+    cascade = found.cascade;
+#if CSM_OUT_MASK
+    mask[place] = seen ? (facing ? found.visibility : 0.0) : 1.0;
+#endif
+#if CSM_OUT_MASK_SINGLE
+    mask_single[place] = seen ? (facing ? found.single : 0.0) : 1.0;
+#endif
 #elif CSM_OUT_CASCADE_INDEX
     cascade = receiver_cascade(point);
 #endif

@@ -55,37 +55,77 @@ vec2 bias_slope(candidate chosen, vec2 gradient)
 
 #endif
 
-// Every cascade is tried with a constant index and the first that fits is kept.
-candidate choose_cascade(receiver point)
+// The candidate that answers, and where it is about to leave its map the next one, if that holds the receiver too.
+struct choice
 {
-    candidate chosen, here;
-    bool fits = place_in_map(point, CSM_CASCADE_COUNT - 1, chosen);
+    candidate own;
+#if CSM_BLEND != CSM_BLEND_NONE
+    candidate next;
+    float next_weight; // 0 where the next one does not hold the receiver
+#endif
+};
+
+// How deep a receiver lies in the part of a cascade that is its alone: 1 there, falling to 0 at its end.
+float own_share(receiver point, candidate here, float slice_start)
+{
+#if CSM_SELECT == CSM_SELECT_INTERVAL
+    float end = frame.slope[here.cascade].z;
+    return clamp((end - point.view_depth) / (frame.blend.x * (end - slice_start)), 0.0, 1.0);
+#else
+    vec2 away = abs(here.texels - here.centre.xy);
+    float rim = here.centre.z - (CSM_SELECT == CSM_SELECT_FRUSTUM ? 0.0 : frame.bias.z);
+    return clamp((rim - max(away.x, away.y)) / (frame.blend.x * here.centre.z), 0.0, 1.0);
+#endif
+}
+
+// Every cascade is tried with a constant index and the first that fits is kept.
+choice choose_cascade(receiver point)
+{
+    choice chosen;
+    candidate here;
+    bool fits = place_in_map(point, CSM_CASCADE_COUNT - 1, chosen.own);
+#if CSM_BLEND != CSM_BLEND_NONE
+    candidate before = chosen.own;
+    bool before_fits = fits;
+    chosen.next = chosen.own;
+    chosen.next_weight = 0.0;
+#endif
 #if CSM_SELECT != CSM_SELECT_INTERVAL
-    chosen.cascade = fits ? chosen.cascade : no_cascade;
+    chosen.own.cascade = fits ? chosen.own.cascade : no_cascade;
 #endif
     for (int cascade = CSM_CASCADE_COUNT - 2; cascade >= 0; cascade--) {
-        fits = place_in_map(point, cascade, here);
+        bool held = place_in_map(point, cascade, here);
+        fits = held;
 #if CSM_SELECT == CSM_SELECT_INTERVAL
         fits = point.view_depth <= frame.slope[cascade].z;
 #endif
+#if CSM_BLEND != CSM_BLEND_NONE
         if (fits) {
-            chosen = here;
+            float start = cascade > 0 ? frame.slope[max(cascade - 1, 0)].z : frame.view.z;
+            chosen.next = before;
+            chosen.next_weight = before_fits ? 1.0 - own_share(point, here, start) : 0.0;
+        }
+        before = here;
+        before_fits = held;
+#endif
+        if (fits) {
+            chosen.own = here;
         }
     }
     // float32 view depths and double splits meet here: a receiver at the very end is inside
     if (point.view_depth > frame.slope[CSM_CASCADE_COUNT - 1].z * (1.0 + 1e-6)) {
-        chosen.cascade = no_cascade;
+        chosen.own.cascade = no_cascade;
     }
     return chosen;
 }
 
-map_receiver select_cascade(receiver point)
+map_receiver in_map(receiver point, candidate chosen)
 {
-    candidate chosen = choose_cascade(point);
-    vec2 gradient = turned(depth_gradient(point), min(chosen.cascade, CSM_CASCADE_COUNT - 1));
+    int cascade = min(chosen.cascade, CSM_CASCADE_COUNT - 1);
+    vec2 gradient = turned(depth_gradient(point), cascade);
     vec2 whole = floor(chosen.texels);
     map_receiver at;
-    at.cascade = chosen.cascade;
+    at.cascade = cascade;
     at.size = int(chosen.centre.w);
     at.texel = ivec2(whole - (chosen.centre.xy - chosen.centre.z));
     at.fraction = chosen.texels - whole;
@@ -95,5 +135,7 @@ map_receiver select_cascade(receiver point)
 #else
     at.slope = level_slope(chosen);
 #endif
+    at.noise = point.noise;
+    at.view_depth = point.view_depth;
     return at;
 }

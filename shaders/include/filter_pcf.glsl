@@ -4,19 +4,18 @@
 // centred on the texel that holds the point, each against the receiver's plane at its own texel's centre.
 // Depths come by gather, four at a time: at 5 x 5 that is 9 fetches for 25.
 
-#if CSM_FILTER_SIZE == 2
+#if CSM_KERNEL_SIZE == 2
 
 float filter_visibility(map_receiver at)
 {
     // texels beyond the rim are those at it: the layer may hold more than this map
     vec2 place = clamp(vec2(at.texel) + at.fraction, 0.5, float(at.size) - 0.5);
-    vec2 uv = place / vec2(textureSize(shadow_compare, 0).xy);
-    return texture(shadow_compare, vec4(uv, float(at.cascade), min(at.z, 1.0)));
+    return map_compare(at.cascade, place, min(at.z, 1.0));
 }
 
 #else
 
-const int pcf_radius = CSM_FILTER_SIZE / 2;
+const int pcf_radius = CSM_KERNEL_SIZE / 2;
 
 // Compare of the texel at an offset from the receiver's own; outside the kernel it counts nothing.
 float pcf_tap(map_receiver at, ivec2 offset, float stored)
@@ -33,14 +32,14 @@ float pcf_tap(map_receiver at, ivec2 offset, float stored)
 
 // Depths of the texels around the corner shared by texels (c - 1, c) along both axes, in the order of
 // textureGather: left above, right above, right below, left below.
-vec4 pcf_depths(map_receiver at, ivec2 corner, vec2 layer_size)
+vec4 pcf_depths(map_receiver at, ivec2 corner)
 {
 #if CSM_SELECT == CSM_SELECT_MAP
-    return textureGather(shadow_maps, vec3(vec2(corner) / layer_size, float(at.cascade)));
+    return map_depths_around(at.cascade, corner);
 #else
     // a kernel over the rim takes the texels at the rim again: the layer may hold more than this map
     ivec2 inner = clamp(corner, ivec2(1), ivec2(at.size - 1));
-    vec4 stored = textureGather(shadow_maps, vec3(vec2(inner) / layer_size, float(at.cascade)));
+    vec4 stored = map_depths_around(at.cascade, inner);
     stored = corner.x < inner.x ? stored.xxww : corner.x > inner.x ? stored.yyzz : stored;
     return corner.y < inner.y ? stored.wzzw : corner.y > inner.y ? stored.xyyx : stored;
 #endif
@@ -48,18 +47,17 @@ vec4 pcf_depths(map_receiver at, ivec2 corner, vec2 layer_size)
 
 float filter_visibility(map_receiver at)
 {
-    vec2 layer_size = vec2(textureSize(shadow_maps, 0).xy);
     float lit = 0.0;
     for (int y = -pcf_radius; y <= pcf_radius; y += 2) {
         for (int x = -pcf_radius; x <= pcf_radius; x += 2) {
             ivec2 offset = ivec2(x, y);
-            vec4 stored = pcf_depths(at, at.texel + offset + 1, layer_size);
+            vec4 stored = pcf_depths(at, at.texel + offset + 1);
             lit += pcf_tap(at, offset + ivec2(0, 1), stored.x) +
                    pcf_tap(at, offset + ivec2(1, 1), stored.y) +
                    pcf_tap(at, offset + ivec2(1, 0), stored.z) + pcf_tap(at, offset, stored.w);
         }
     }
-    return lit / float(CSM_FILTER_SIZE * CSM_FILTER_SIZE);
+    return lit / float(CSM_KERNEL_SIZE * CSM_KERNEL_SIZE);
 }
 
 #endif

@@ -5,6 +5,7 @@ struct receiver
     vec3 position;  // relative to the scene's origin
     vec3 normal;    // towards the camera; zero if unknown
     float view_depth;
+    float noise;    // its lot, 0 to 1
 #if CSM_TEXCOORD == CSM_TEXCOORD_INTERPOLATED
     vec3 position_ls; // in light space, interpolated between vertices
 #endif
@@ -22,10 +23,12 @@ bool plane_known(receiver point)
 // index that is only known at run time costs a gather for every number on software GL.
 struct map_receiver
 {
-    int cascade;    // no_cascade beyond the shadow range
+    int cascade;
     int size;       // texels along a side of the map
     ivec2 texel;    // that holds the point
     vec2 fraction;  // where in the texel, 0 to 1
     float z;        // depth, bias subtracted
     vec2 slope;     // change of depth per texel on the receiver's plane; zero unless receiver_plane
+    float noise;    // of the receiver
+    float view_depth;
 };

@@ -1,4 +1,5 @@
 // view_receiver.glsl: the surface that the view pass left at a pixel. Needs frame.glsl, geometry.glsl, receiver.glsl.
+#include "include/noise.glsl"
 
 layout(binding = 0) uniform usampler2D view_ids;
 
@@ -42,5 +43,6 @@ receiver receiver_at(ivec2 pixel, out bool seen)
     point.normal = seen ? (behind ? -plane.xyz : plane.xyz) : vec3(0.0);
     point.view_depth = seen ? depth : uintBitsToFloat(0x7f800000u); // infinity
     point.position = frame.eye_high.xyz + (frame.eye_low.xyz + start + depth * direction);
+    point.noise = pixel_noise(pixel);
     return point;
 }

@@ -1,40 +1,93 @@
-// visibility.glsl: from a receiver to its visibility and cascade; the only file that branches on FILTER.
+// visibility.glsl: from a receiver to its visibility and cascade; with moments.glsl the only file that branches on
+// FILTER.
 #include "include/receiver.glsl"
+
+struct verdict
+{
+    float visibility;
+    float single;      // of the one cascade, without blend or fade
+    float next_weight; // of the next cascade in visibility
+    int cascade;       // no_cascade beyond the shadow range
+};
 
 #if CSM_FILTER != CSM_FILTER_NONE
 
-layout(binding = 1) uniform sampler2DArray shadow_maps;
-layout(binding = 2) uniform sampler2DArrayShadow shadow_compare;
-
 #include "include/shadow_bias.glsl"
 #include "include/cascade_select.glsl"
+
+// An include is resolved once, whatever #if surrounds it: what several filters share stands here.
+#if CSM_PREFILTERED
+#include "include/moments_lookup.glsl"
+#include "include/chebyshev.glsl"
+#else
+#include "include/shadow_storage.glsl"
+#endif
 
 #if CSM_FILTER == CSM_FILTER_HARD
 #include "include/filter_hard.glsl"
 #elif CSM_FILTER == CSM_FILTER_PCF
 #include "include/filter_pcf.glsl"
+#elif CSM_FILTER == CSM_FILTER_VSM
+#include "include/filter_vsm.glsl"
 #endif
 
-float receiver_visibility(receiver point, out int cascade)
+#if CSM_BLEND != CSM_BLEND_NONE
+
+// Weight of the next cascade by the kind of transition.
+float transition(float next_weight, float noise)
 {
-    map_receiver at = select_cascade(point);
-    cascade = at.cascade;
-    at.cascade = min(at.cascade, CSM_CASCADE_COUNT - 1);
-    float visibility = filter_visibility(at);
-    return cascade == no_cascade ? 1.0 : visibility;
+#if CSM_BLEND == CSM_BLEND_SMOOTH
+    return next_weight * next_weight * (3.0 - 2.0 * next_weight);
+#elif CSM_BLEND == CSM_BLEND_DITHER
+    return noise < next_weight ? 1.0 : 0.0;
+#else
+    return next_weight;
+#endif
+}
+
+#endif
+
+verdict receiver_verdict(receiver point)
+{
+    choice chosen = choose_cascade(point);
+    verdict found;
+    found.cascade = chosen.own.cascade;
+    found.next_weight = 0.0;
+#if CSM_BLEND == CSM_BLEND_DITHER && !CSM_OUT_MASK_SINGLE
+    found.next_weight = transition(chosen.next_weight, point.noise);
+    if (found.next_weight > 0.0) {
+        chosen.own = chosen.next;
+    }
+#endif
+    found.single = filter_visibility(in_map(point, chosen.own));
+    found.visibility = found.single;
+#if CSM_BLEND != CSM_BLEND_NONE && (CSM_BLEND != CSM_BLEND_DITHER || CSM_OUT_MASK_SINGLE)
+    found.next_weight = transition(chosen.next_weight, point.noise);
+    if (found.next_weight > 0.0) {
+        float next = filter_visibility(in_map(point, chosen.next));
+        found.visibility = mix(found.single, next, found.next_weight);
+    }
+#endif
+#if CSM_FADE
+    float left = clamp(1.0 - (point.view_depth - frame.blend.y) * frame.blend.z, 0.0, 1.0);
+    found.visibility = 1.0 - (1.0 - found.visibility) * left;
+#endif
+    if (found.cascade == no_cascade) {
+        found = verdict(1.0, 1.0, 0.0, no_cascade);
+    }
+    return found;
 }
 
 int receiver_cascade(receiver point)
 {
-    return choose_cascade(point).cascade;
+    return choose_cascade(point).own.cascade;
 }
 
 #else
 
-float receiver_visibility(receiver point, out int cascade)
+verdict receiver_verdict(receiver point)
 {
-    cascade = no_cascade;
-    return 1.0;
+    return verdict(1.0, 1.0, 0.0, no_cascade);
 }
 
 int receiver_cascade(receiver point)

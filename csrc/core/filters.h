@@ -1,0 +1,13 @@
+/* filters.h: what effects.c asks of filters.c. */
+#ifndef CSM_FILTERS_H
+#define CSM_FILTERS_H
+
+#include "csm.h"
+
+/* Problems of the filter's own settings. */
+void csm_filter_validate(const csm_settings *settings, csm_error *err);
+
+/* The part of the canonical form that is the filter's. */
+void csm_filter_canonical(csm_settings *settings);
+
+#endif

@@ -1,0 +1,203 @@
+/* pass_shadow_filter.c: depths of one cascade to what a prefiltered filter looks up: moments, their
+ * blur along x and y, their summed areas, and smaller levels of all.
+ *
+ * Every step is one function of a texel in GLSL with two thin entries: compute writes an image, a
+ * fragment its attachment.
+ */
+#include "gl_internal.h"
+
+#include <stdlib.h>
+
+#define GROUP 8 /* invocations along a side of a work group: shadow_*.comp */
+
+enum { UNIT_SOURCE = 4, UNIT_SAMPLES = 5 };
+enum { UNIFORM_PLACE, UNIFORM_STEP };
+enum { IMAGE_TARGET };
+
+typedef struct filter_texture {
+    GLuint texture;
+    int layer;
+} filter_texture;
+
+static filter_texture moments_of(const csm_frame *frame, int cascade, int slice) {
+    return (filter_texture){frame->renderer->targets[CSM_TARGET_MOMENTS].texture,
+                            cascade * frame->moments.slices + slice};
+}
+
+static filter_texture between(const csm_frame *frame) {
+    return (filter_texture){frame->renderer->targets[CSM_TARGET_MOMENTS_BETWEEN].texture, 0};
+}
+
+static void run_on_texels(csm_frame *frame, filter_texture out, int size) {
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    if (frame->settings.effects[CSM_EFFECT_STAGE] == CSM_STAGE_COMPUTE) {
+        const GLuint groups = (GLuint)((size + GROUP - 1) / GROUP);
+        gl->BindImageTexture(IMAGE_TARGET, out.texture, 0, GL_FALSE, out.layer, GL_WRITE_ONLY,
+                             csm_format_named(frame->moments.format));
+        gl->DispatchCompute(groups, groups, 1);
+        gl->MemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT |
+                          GL_FRAMEBUFFER_BARRIER_BIT);
+        return;
+    }
+    gl->NamedFramebufferTextureLayer(renderer->filter_framebuffer, GL_COLOR_ATTACHMENT0,
+                                     out.texture, 0, out.layer);
+    gl->BindFramebuffer(GL_FRAMEBUFFER, renderer->filter_framebuffer);
+    gl->Viewport(0, 0, size, size);
+    csm_cover_pixels(renderer);
+}
+
+void csm_cover_pixels(csm_renderer *renderer) {
+    const GladGLContext *gl = &renderer->gl;
+    gl->Disable(GL_DEPTH_TEST);
+    gl->Disable(GL_DEPTH_CLAMP);
+    gl->BindVertexArray(renderer->no_vertices);
+    gl->DrawArrays(GL_TRIANGLES, 0, 3);
+}
+
+csm_status csm_pass_shadow_moments(csm_frame *frame, int cascade, csm_error *err) {
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const csm_target *maps = &renderer->targets[CSM_TARGET_SHADOW_MAPS];
+    const int size = frame->settings.map_size[cascade];
+    GLuint program;
+    csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_MOMENTS, &program, err);
+    if (status != CSM_OK) {
+        return status;
+    }
+    csm_bind_maps(frame);
+    gl->BindTextureUnit(UNIT_SAMPLES, renderer->targets[CSM_TARGET_SHADOW_SAMPLES].texture);
+    gl->UseProgram(program);
+    csm_timer_start(renderer);
+    for (int slice = 0; slice < frame->moments.slices; slice++) {
+        const bool shared = maps->wanted.kind == CSM_TEXTURE_ARRAY && maps->wanted.layers == 1;
+        gl->Uniform4i(UNIFORM_PLACE, shared ? 0 : cascade, slice, size, 0);
+        run_on_texels(frame, moments_of(frame, cascade, slice), size);
+    }
+    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MOMENTS, cascade));
+    return status;
+}
+
+/* One step from a texture to another: reads around each texel along an axis. */
+static void run_along(csm_frame *frame, filter_texture from, filter_texture to, int size, int axis,
+                      int step, int cascade) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    gl->BindTextureUnit(UNIT_SOURCE, from.texture);
+    gl->BindSampler(UNIT_SOURCE, frame->renderer->nearest_sampler);
+    gl->Uniform4i(UNIFORM_PLACE, cascade, from.layer, size, 0);
+    gl->Uniform2i(UNIFORM_STEP, axis == 0 ? step : 0, axis == 1 ? step : 0);
+    run_on_texels(frame, to, size);
+}
+
+csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err) {
+    csm_renderer *renderer = frame->renderer;
+    const int size = frame->settings.map_size[cascade];
+    GLuint program;
+    csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_BLUR, &program, err);
+    if (status != CSM_OK) {
+        return status;
+    }
+    renderer->gl.UseProgram(program);
+    csm_timer_start(renderer);
+    for (int slice = 0; slice < frame->moments.slices; slice++) {
+        const filter_texture moments = moments_of(frame, cascade, slice);
+        run_along(frame, moments, between(frame), size, 0, 1, cascade);
+        run_along(frame, between(frame), moments, size, 1, 1, cascade);
+        if (csm_frame_stopped_after_finish(frame)) {
+            status = csm_interrupted(err);
+            break;
+        }
+    }
+    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_BLUR, cascade));
+    return status;
+}
+
+/* Every step adds the eight sums that end 0 to 7 strides before a texel; strides grow eightfold,
+ * until one step has seen the whole row. As many steps along y as along x: the sums end up where
+ * the texels were. */
+csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err) {
+    csm_renderer *renderer = frame->renderer;
+    const int size = frame->settings.map_size[cascade];
+    GLuint program;
+    csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_SUM, &program, err);
+    if (status != CSM_OK) {
+        return status;
+    }
+    renderer->gl.UseProgram(program);
+    csm_timer_start(renderer);
+    filter_texture from = moments_of(frame, cascade, 0), to = between(frame);
+    for (int axis = 0; axis < 2; axis++) {
+        for (int stride = 1; stride < size; stride *= 8) {
+            run_along(frame, from, to, size, axis, stride, cascade);
+            const filter_texture swap = from;
+            from = to;
+            to = swap;
+        }
+    }
+    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_SUM, cascade));
+    return status;
+}
+
+csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err) {
+    csm_renderer *renderer = frame->renderer;
+    (void)err;
+    csm_timer_start(renderer);
+    renderer->gl.GenerateTextureMipmap(renderer->targets[CSM_TARGET_MOMENTS].texture);
+    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MIPS, -1));
+    return CSM_OK;
+}
+
+/* A texel of summed areas, of 32 bits that wrap around: what the texel itself added. */
+static void read_sums(csm_frame *frame, int size, float *out) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    const float unit = 1.0f / (float)((1u << frame->moments.sum_bits) - 1u);
+    uint32_t *sums = malloc((size_t)size * (size_t)size * 2 * sizeof *sums);
+    if (!sums) {
+        return; /* the caller's array stays as it was made */
+    }
+    gl->ReadPixels(0, 0, size, size, GL_RG_INTEGER, GL_UNSIGNED_INT, sums);
+    for (int y = 0; y < size; y++) {
+        for (int x = 0; x < size; x++) {
+            for (int channel = 0; channel < 2; channel++) {
+                const size_t at = ((size_t)y * (size_t)size + (size_t)x) * 2 + (size_t)channel;
+                const size_t row = (size_t)size * 2;
+                uint32_t own = sums[at];
+                own -= x > 0 ? sums[at - 2] : 0;
+                own -= y > 0 ? sums[at - row] : 0;
+                own += x > 0 && y > 0 ? sums[at - row - 2] : 0;
+                out[at] = (float)own * unit;
+            }
+        }
+    }
+    free(sums);
+}
+
+void csm_moments_read(csm_frame *frame, int cascade, float *out) {
+    static const GLenum formats[] = {GL_RED, GL_RG, GL_RGB, GL_RGBA};
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const csm_moments *moments = &frame->moments;
+    const int size = frame->settings.map_size[cascade];
+    const int stride = moments->channels * moments->slices;
+    gl->BindFramebuffer(GL_READ_FRAMEBUFFER, renderer->filter_framebuffer);
+    for (int slice = 0; slice < moments->slices; slice++) {
+        const filter_texture from = moments_of(frame, cascade, slice);
+        gl->NamedFramebufferTextureLayer(renderer->filter_framebuffer, GL_COLOR_ATTACHMENT0,
+                                         from.texture, 0, from.layer);
+        if (moments->kind == CSM_LOOKS_AT_SUMS) {
+            read_sums(frame, size, out);
+            return;
+        }
+        /* a row at a time: slices of a texel stand side by side outside */
+        float *row = malloc((size_t)size * (size_t)moments->channels * sizeof *row);
+        for (int y = 0; y < size && row; y++) {
+            gl->ReadPixels(0, y, size, 1, formats[moments->channels - 1], GL_FLOAT, row);
+            for (int i = 0; i < size * moments->channels; i++) {
+                const int x = i / moments->channels, channel = i % moments->channels;
+                out[((size_t)y * (size_t)size + (size_t)x) * (size_t)stride +
+                    (size_t)(slice * moments->channels + channel)] = row[i];
+            }
+        }
+        free(row);
+    }
+}

@@ -1,0 +1,6 @@
+// cover.vert: one triangle over the whole viewport, for passes over pixels or texels.
+
+void main()
+{
+    gl_Position = vec4(gl_VertexID == 1 ? 3.0 : -1.0, gl_VertexID == 2 ? 3.0 : -1.0, 0.0, 1.0);
+}

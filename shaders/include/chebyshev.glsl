@@ -1,0 +1,18 @@
+// chebyshev.glsl: the largest share of depths at or behind a receiver that a mean and a variance allow.
+
+// Light at or below a step is taken for bleeding, and a power darkens the rest.
+float without_bleeding(float lit)
+{
+#if CSM_BLEEDING
+    return pow(clamp((lit - frame.bleed.x) * frame.bleed.y, 0.0, 1.0), frame.bleed.z);
+#else
+    return lit;
+#endif
+}
+
+float largest_lit_share(float depth, float mean, float square, float least_variance)
+{
+    float variance = max(square - mean * mean, least_variance);
+    float behind = depth - mean;
+    return behind <= 0.0 ? 1.0 : without_bleeding(variance / (variance + behind * behind));
+}

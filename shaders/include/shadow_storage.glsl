@@ -1,0 +1,157 @@
+// shadow_storage.glsl: depths of the shadow maps, wherever they lie, 0 at the caster side: layers of an array, tiles
+// of an atlas, textures of their own, faces of a cube. Needs frame.glsl. Texels count from the map's lower left corner.
+
+// Hardware compares and plain depths are two ways to read one texture.
+#if CSM_STORAGE == CSM_STORAGE_ARRAY
+
+layout(binding = 1) uniform sampler2DArray shadow_maps;
+layout(binding = 2) uniform sampler2DArrayShadow shadow_compare;
+
+vec2 texture_step = 1.0 / vec2(textureSize(shadow_maps, 0).xy);
+
+float raw_depth(int cascade, ivec2 texel)
+{
+    return texelFetch(shadow_maps, ivec3(texel, cascade), 0).r;
+}
+
+vec4 raw_depths(int cascade, ivec2 corner)
+{
+    return textureGather(shadow_maps, vec3(vec2(corner) * texture_step, float(cascade)));
+}
+
+float raw_compare(int cascade, vec2 texels, float z)
+{
+    return texture(shadow_compare, vec4(texels * texture_step, float(cascade), z));
+}
+
+#elif CSM_STORAGE == CSM_STORAGE_ATLAS
+
+layout(binding = 1) uniform sampler2D shadow_maps;
+layout(binding = 2) uniform sampler2DShadow shadow_compare;
+
+vec2 texture_step = 1.0 / vec2(textureSize(shadow_maps, 0));
+
+float raw_depth(int cascade, ivec2 texel)
+{
+    return texelFetch(shadow_maps, frame.place[cascade].xy + texel, 0).r;
+}
+
+vec4 raw_depths(int cascade, ivec2 corner)
+{
+    return textureGather(shadow_maps, vec2(frame.place[cascade].xy + corner) * texture_step);
+}
+
+float raw_compare(int cascade, vec2 texels, float z)
+{
+    return texture(shadow_compare, vec3((vec2(frame.place[cascade].xy) + texels) * texture_step, z));
+}
+
+#elif CSM_STORAGE == CSM_STORAGE_SEPARATE
+
+// Samplers may be picked by a constant index alone: every map is asked for in turn.
+#if CSM_KERNEL_SIZE == 2
+
+layout(binding = 8) uniform sampler2DShadow shadow_compare[CSM_CASCADE_COUNT];
+
+float raw_compare(int cascade, vec2 texels, float z)
+{
+    float lit = 1.0;
+    for (int i = 0; i < CSM_CASCADE_COUNT; i++) {
+        if (i == cascade) {
+            lit = texture(shadow_compare[i], vec3(texels / vec2(textureSize(shadow_compare[i], 0)), z));
+        }
+    }
+    return lit;
+}
+
+#else
+
+layout(binding = 8) uniform sampler2D shadow_maps[CSM_CASCADE_COUNT];
+
+float raw_depth(int cascade, ivec2 texel)
+{
+    float depth = 1.0;
+    for (int i = 0; i < CSM_CASCADE_COUNT; i++) {
+        if (i == cascade) {
+            depth = texelFetch(shadow_maps[i], texel, 0).r;
+        }
+    }
+    return depth;
+}
+
+vec4 raw_depths(int cascade, ivec2 corner)
+{
+    vec4 depths = vec4(1.0);
+    for (int i = 0; i < CSM_CASCADE_COUNT; i++) {
+        if (i == cascade) {
+            depths = textureGather(shadow_maps[i], vec2(corner) / vec2(textureSize(shadow_maps[i], 0)));
+        }
+    }
+    return depths;
+}
+
+#endif
+
+#else
+
+layout(binding = 1) uniform samplerCube shadow_maps;
+layout(binding = 2) uniform samplerCubeShadow shadow_compare;
+
+float cube_step = 2.0 / float(textureSize(shadow_maps, 0).x);
+
+// Towards a place on the face of a cascade; the inverse of table 8.19 of the OpenGL specification.
+vec3 cube_direction(int cascade, vec2 texels)
+{
+    vec2 at = texels * cube_step - 1.0;
+    vec3 towards = vec3(1.0, -at.y, -at.x);
+    towards = cascade == 1 ? vec3(-1.0, -at.y, at.x) : towards;
+    towards = cascade == 2 ? vec3(at.x, 1.0, at.y) : towards;
+    towards = cascade == 3 ? vec3(at.x, -1.0, -at.y) : towards;
+    towards = cascade == 4 ? vec3(at.x, -at.y, 1.0) : towards;
+    return cascade == 5 ? vec3(-at.x, -at.y, -1.0) : towards;
+}
+
+float raw_depth(int cascade, ivec2 texel)
+{
+    return textureLod(shadow_maps, cube_direction(cascade, vec2(texel) + 0.5), 0.0).r;
+}
+
+vec4 raw_depths(int cascade, ivec2 corner)
+{
+    return textureGather(shadow_maps, cube_direction(cascade, vec2(corner)));
+}
+
+float raw_compare(int cascade, vec2 texels, float z)
+{
+    return texture(shadow_compare, vec4(cube_direction(cascade, texels), z));
+}
+
+#endif
+
+#if CSM_STORAGE != CSM_STORAGE_SEPARATE || CSM_KERNEL_SIZE != 2
+
+float map_depth_at(int cascade, ivec2 texel)
+{
+    float depth = raw_depth(cascade, texel);
+    return CSM_REVERSED_DEPTH == 1 ? 1.0 - depth : depth;
+}
+
+// Depths of the texels around the corner shared by texels (c - 1, c) along both axes, in the order of textureGather:
+// left above, right above, right below, left below.
+vec4 map_depths_around(int cascade, ivec2 corner)
+{
+    vec4 depths = raw_depths(cascade, corner);
+    return CSM_REVERSED_DEPTH == 1 ? 1.0 - depths : depths;
+}
+
+#endif
+
+#if CSM_STORAGE != CSM_STORAGE_SEPARATE || CSM_KERNEL_SIZE == 2
+
+// The hardware's bilinear mean of four compares around a place.
+float map_compare(int cascade, vec2 texels, float z)
+{
+    return raw_compare(cascade, texels, CSM_REVERSED_DEPTH == 1 ? 1.0 - z : z);
+}
+
+#endif

@@ -1,0 +1,13 @@
+// shadow_blur.comp: moments blurred along one axis.
+#include "include/texels_blur.glsl"
+#include "include/texel_target.glsl"
+
+layout(local_size_x = 8, local_size_y = 8) in;
+
+void main()
+{
+    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
+    if (max(texel.x, texel.y) < place.z) {
+        store_texel(texel, blurred(texel));
+    }
+}
