@@ -13,7 +13,16 @@ from numpy.typing import ArrayLike, NDArray
 _Split = Literal[0, 1, 2]  # practical, uniform, logarithmic
 _Snap = Literal[0, 1]  # exact, none
 _Warping = Literal[1, 2, 3]  # lispsm, psm, tsm
-_PassName = Literal["view", "shadow_map", "shadow_mask", "shadow_points"]
+_PassName = Literal[
+    "view",
+    "shadow_map",
+    "shadow_moments",
+    "shadow_blur",
+    "shadow_sum",
+    "shadow_mips",
+    "shadow_mask",
+    "shadow_points",
+]
 
 class _Camera(Protocol):
     @property
@@ -51,6 +60,13 @@ class _Effect(TypedDict):
     passes: int  # bits: shadow_map 1, view 2, shadow_mask 4, CPU 8, shadow_forward 16,
     # receivers 32, shadow_moments 64, shadow_blur 128, shadow_sum 256
     choices: str
+    help: str
+
+class _Number(TypedDict):
+    name: str
+    default: float
+    min: float
+    max: float
     help: str
 
 class _Cascades(TypedDict):
@@ -235,12 +251,15 @@ def coverage_move(
 def validate_settings(settings: Any, /) -> None: ...
 def canonical_settings(settings: Any, /) -> dict[str, Any]: ...
 def effect_table() -> list[_Effect]: ...
+def number_table() -> list[_Number]: ...
+def moment_numbers(settings: Any, /) -> int: ...
 def bias_terms(settings: Any, /) -> tuple[bool, float, float, float, float, float]: ...
 def plan(
     settings: Any, width: int, height: int, outputs: int, instanced: bool = False, /
 ) -> tuple[
     list[tuple[_PassName, int, int]],  # pass, cascade or -1, program key
-    list[tuple[str, str, int, int, int, int]],  # name, format, width, height, layers, bytes
+    # name, format, width, height, layers, samples, levels, bytes
+    list[tuple[str, str, int, int, int, int, int, int]],
     list[tuple[_PassName, int]],  # pass, program key
     int,  # bytes in all
 ]: ...
@@ -250,7 +269,7 @@ def program_defines(
 
 @final
 class Renderer:
-    def __new__(cls, backend: int, debug: bool, shader_folder: str) -> Renderer: ...
+    def __new__(cls, backend: int, debug: bool, shader_folder: str, stage: int = 0) -> Renderer: ...
     def close(self) -> None: ...
     def describe(self) -> _RendererInfo: ...
     def reload(self) -> None: ...
@@ -276,5 +295,6 @@ class Renderer:
         arrays: dict[str, NDArray[Any]],
         points: ArrayLike | None,
         point_normals: ArrayLike | None,
+        angular_diameter: float,
         /,
     ) -> _Rendered: ...

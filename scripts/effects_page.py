@@ -31,12 +31,15 @@ the CPU: changing it compiles nothing.
 NUMBERS = """
 ## Numbers
 
-| setting | default |
-|---|---|
+| setting | default | range | what it is |
+|---|---|---|---|
 """
 
 # Bits of the table's `passes`.
-PASSES = {"shadow_map": 1, "view": 2, "shadow_mask": 4, "shadow_forward": 16, "receivers": 32}
+PASSES = {
+    "shadow_map": 1, "view": 2, "shadow_mask": 4, "shadow_forward": 16, "receivers": 32,
+    "shadow_moments": 64, "shadow_blur": 128, "shadow_sum": 256,
+}  # fmt: skip
 
 
 def title_of(row):
@@ -68,12 +71,17 @@ def page():
         f"| {title_of(row)} | {values_of(row)} | {passes_of(row)} | {row['help']} |\n"
         for row in table
     ]
-    effects = {row["name"] for row in table}
-    settings = csm.ShadowSettings()
     numbers = [
-        f"| `{field.name}` | `{getattr(settings, field.name)}` |\n"
+        f"| `{row['name']}` | `{row['default']:g}` | {row['min']:g} to {row['max']:g} | "
+        f"{row['help'].replace('|', chr(92) + '|')} |\n"
+        for row in _core.number_table()
+    ]
+    known = {row["name"] for row in (*table, *_core.number_table())}
+    settings = csm.ShadowSettings()
+    numbers += [
+        f"| `{field.name}` | `{getattr(settings, field.name)}` | | |\n"
         for field in fields(settings)
-        if field.name not in effects
+        if field.name not in known
     ]
     return HEAD + "".join(lines) + NUMBERS + "".join(numbers)
 

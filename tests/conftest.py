@@ -73,7 +73,15 @@ class _Idle:
 
     camera = csm.Camera.look_at((0, 3, 2), (0, 0, 0), near=0.5, far=9, size=(8, 8))
     settings = csm.ShadowSettings(cascade_count=1, map_size=8, fit="visible", split="sdsm")
-    outputs = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
+    outputs = (
+        "mask",
+        "mask_single",
+        "valid",
+        "view_depth",
+        "cascade_index",
+        "shadow_maps",
+        "normal",
+    )
 
     def __init__(self, renderer):
         self.renderer = renderer

@@ -15,7 +15,10 @@ from csm.plans import OUTPUTS, output_bits
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = _core.effect_table()
 NAMED = {row["name"]: row for row in TABLE if row["name"]}
-PASS_BITS = {"shadow_map": 1, "view": 2, "shadow_mask": 4, "receiver_bounds": 32}
+PASS_BITS = {
+    "shadow_map": 1, "view": 2, "shadow_mask": 4, "receiver_bounds": 32,
+    "shadow_moments": 64, "shadow_blur": 128, "shadow_sum": 256,
+}  # fmt: skip
 ALL_OUTPUTS = output_bits(OUTPUTS)[0]
 
 # What must be set besides, so that a setting has a meaning.
@@ -29,9 +32,38 @@ NEEDS = {
     "level_count": {"snap": "approximate"},
     "level_hysteresis": {"snap": "approximate"},
     ("select", "frustum"): {"filter": "pcf"},
+    "filter_weights": {"filter": "pcf"},
+    "filter_fetch": {"filter": "pcf"},
+    "kernel": {"filter": "pcf"},
+    "disc": {"filter": "poisson"},
+    "tap_count": {"filter": "poisson"},
+    "rotated": {"filter": "poisson"},
+    "pcss_map": {"filter": "pcss"},
+    "moment_format": {"filter": "vsm"},
+    "lookup": {"filter": "vsm"},
+    "anisotropy": {"filter": "vsm", "lookup": "anisotropic"},
+    "samples": {"filter": "vsm"},
+    "log_filter": {"filter": "esm"},
+    "msm_bound": {"filter": "msm"},
+    "layer_count": {"filter": "lvsm"},
+    "fourier_terms": {"filter": "fourier"},
+    "gradients": {"filter": "vsm", "lookup": "trilinear"},
+    "plane": {"filter": "pcf"},
+    "bias_side": {"bias": "manual", "slope_bias": 1.0},
+    "tile_border": {"storage": "atlas"},
+    "copied_tiles": {"storage": "atlas"},
     ("split", "manual"): {"manual_splits": (2.0, 5.0, 9.0)},
     ("split", "percentages"): {"manual_splits": (2.0, 15.0, 40.0)},
     ("depth_range", "manual"): {"manual_depth_range": (-50.0, 50.0)},
+}
+# Of numbers without a limit of their own kind.
+SOME_VALUES = {
+    "samples": [1, 2, 4],
+    "tap_count": [16, 8],
+    "layer_count": [4, 2, 6, 8],
+    "fourier_terms": [16, 2, 4],
+    "anisotropy": [8, 2, 16],
+    "tile_border": [0, 1, 64],
 }
 SMALL = csm.ShadowSettings(map_size=128)
 
@@ -44,6 +76,8 @@ def values_of(row):
         return [False, True]
     if row["name"] == "filter_size":
         return [1, 2, 3, 5, row["max"]]
+    if row["name"] in SOME_VALUES:
+        return SOME_VALUES[row["name"]]
     if row["name"] == "level_count":
         return [1, 64, row["max"]]
     return list(range(row["min"], row["max"] + 1))
@@ -79,7 +113,7 @@ def test_rows_are_consistent():
     assert len(set(names)) == len(names)
     for row in TABLE:
         assert row["help"], row["id"]
-        assert not row["passes"] & ~0x3F, row["id"]
+        assert not row["passes"] & ~0x1FF, row["id"]
         if row["name"]:
             assert row["id"] == row["name"].upper()
         if row["type"] == "enum":
@@ -102,17 +136,25 @@ def different(first, second):
     return {name for name in first.keys() & second.keys() if first[name] != second[name]}
 
 
+# Filters with every pass there is, for rows that only prefiltered maps see.
+PREFILTERED = ({"filter": "vsm"}, {"filter": "savsm"}, {"filter": "pcss", "pcss_map": "variance"})
+
+
 @pytest.mark.parametrize("name", NAMED)
 def test_effect_recompiles_only_the_passes_that_see_it(name):
     row = NAMED[name]
     seeing = {pass_ for pass_, bit in PASS_BITS.items() if row["passes"] & bit}
     changed = set()
-    base = keys(settings_with(name, row["default"]))
-    for value in values_of(row):
-        changed |= different(base, keys(settings_with(name, value)))
+    bases = [settings_with(name, value) for value in values_of(row)]
+    for given in ({}, *PREFILTERED) if row["passes"] & 0x1C0 else ({},):
+        given = {key: value for key, value in given.items() if key != name}
+        every = [keys(settings.replace(**given)) for settings in bases]
+        for first, second in itertools.combinations(every, 2):
+            changed |= different(first, second)
     # bias is resolved on the CPU into receiver_plane, which the mask sees,
-    # a skewed basis and a warp into effects of their own
+    # a skewed basis, a warp and the kernel's size into effects of their own
     resolved = {
+        "filter_size": {"shadow_mask"},
         "bias": {"shadow_mask"},
         "light_basis": {"shadow_mask"},
         "warp": {"shadow_map", "shadow_mask"},

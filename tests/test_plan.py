@@ -107,8 +107,8 @@ def test_points_cost_a_pass_and_their_own_bytes(renderer, view):
         for given in (points, None)
     )
     assert with_points.timings_ms.keys() - without.timings_ms.keys() == {"shadow_points"}
-    # in: place and normal, three floats each; out: visibility and cascade
-    assert with_points.info["bytes"] - without.info["bytes"] == 10 * (3 + 3 + 2) * 4
+    # in: place and normal, three floats each; out: visibility, cascade, weight, rounded up to four
+    assert with_points.info["bytes"] - without.info["bytes"] == 10 * (3 + 3 + 4) * 4
 
 
 @pytest.mark.parametrize("outputs", [("shadow_maps",), ("mask",)], ids=["maps", "mask"])

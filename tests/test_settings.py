@@ -31,6 +31,10 @@ PUBLIC_DEFAULTS = {
     "depth_format": "d32f",
     "filter": "hard",
     "filter_size": 3,
+    "filter_weights": "box",
+    "storage": "array",
+    "gradients": "hardware",
+    "blend": "none",
     "bias": "auto",
 }
 # Values that mean "nothing added": a default never changes the picture of a setting not named.
@@ -51,8 +55,35 @@ OFF = {
     "slope_bias": 0.0,
     "normal_offset_texels": 0.0,
     "receiver_plane": False,
+    "bias_side": "receiver",
+    "caster_faces": "both",
+    "tile_border": 0,
+    "copied_tiles": False,
+    "reversed_depth": False,
+    "filter_fetch": "gather",
+    "kernel": "texels",
+    "disc": "poisson",
+    "tap_count": 16,
+    "rotated": False,
+    "pcss_map": "depth",
+    "moment_format": "float32",
+    "lookup": "bilinear",
+    "anisotropy": 8,
+    "samples": 1,
+    "exponent": 0.0,
+    "negative_exponent": 0.0,
+    "log_filter": False,
+    "msm_bound": "hamburger",
+    "layer_count": 4,
+    "fourier_terms": 16,
+    "bleed_step": 0.0,
+    "bleed_power": 1.0,
+    "plane": "normal",
+    "blend_width": 0.1,
+    "fade_width": 0.0,
 }
 TABLE = {row["name"]: row for row in _core.effect_table() if row["name"]}
+NUMBERS = {row["name"]: row for row in _core.number_table()}
 FIELDS = {field.name: field for field in fields(csm.ShadowSettings)}
 
 
@@ -94,6 +125,21 @@ def test_effect_is_a_field_of_equal_type_and_default(name):
     else:
         assert kind == row["type"]
     assert text.strip() or row["type"] == "enum"
+
+
+@pytest.mark.parametrize("name", NUMBERS)
+def test_number_is_a_field_of_equal_default_and_keeps_its_range(name):
+    row, field = NUMBERS[name], FIELDS[name]
+    assert row["help"]
+    assert field.type is float
+    assert field.default == row["default"]
+    for value in (row["min"], row["max"]):
+        # exponents have a limit of their own in each format, less than that of the table
+        needs = {"filter": "hard"} if "exponent" in name else {}
+        assert getattr(csm.ShadowSettings(**needs, **{name: value}), name) == value
+    for value in (np.nextafter(row["min"], -np.inf), np.nextafter(row["max"], np.inf)):
+        with pytest.raises(ValueError, match=name):
+            csm.ShadowSettings(**{name: value})
 
 
 @pytest.mark.parametrize("name", FIELDS)
@@ -217,10 +263,24 @@ def test_what_has_no_meaning_is_at_its_default(given_, canonical):
 
 
 number = st.floats(-4, 4, allow_nan=False)
+
+
+def settings_of(**values):
+    """Settings of values of which some may not go together: those give way."""
+    if values["filter_size"] == 2 and values["filter"] != "pcf":
+        values["filter_size"] = 3
+    if values["filter"] in ("esm", "evsm2", "evsm4"):
+        values["moment_format"] = values["moment_format"].replace("unorm16", "float32")
+    if values["storage"] == "cube":
+        values["cascade_count"] = min(values["cascade_count"], 6)
+    if values["disc"] == "poisson":
+        values["tap_count"] = 8 if values["tap_count"] < 16 else 16
+    splits = tuple(range(1, values["cascade_count"]))
+    return csm.ShadowSettings(**values, manual_splits=splits)
+
+
 any_settings = st.builds(
-    lambda **values: csm.ShadowSettings(
-        **values, manual_splits=tuple(range(1, values["cascade_count"]))
-    ),
+    settings_of,
     cascade_count=st.integers(1, 8),
     map_size=st.integers(1, 65536),
     lam=st.floats(0, 1),
@@ -237,6 +297,22 @@ any_settings = st.builds(
     level_hysteresis=st.integers(0, 16),
     pancake=st.booleans(),
     receiver_plane=st.booleans(),
+    tile_border=st.integers(0, 64),
+    copied_tiles=st.booleans(),
+    reversed_depth=st.booleans(),
+    tap_count=st.integers(1, 64),
+    rotated=st.booleans(),
+    anisotropy=st.integers(2, 16),
+    samples=st.sampled_from((1, 2, 4, 8)),
+    exponent=st.sampled_from((0.0, 3.0)),
+    negative_exponent=st.sampled_from((0.0, 2.0)),
+    log_filter=st.booleans(),
+    layer_count=st.sampled_from((2, 4, 6, 8)),
+    fourier_terms=st.sampled_from((2, 8, 16)),
+    bleed_step=st.sampled_from((0.0, 0.2)),
+    bleed_power=st.sampled_from((1.0, 2.0)),
+    blend_width=st.sampled_from((0.0, 0.1, 1.0)),
+    fade_width=st.sampled_from((0.0, 0.5)),
     **{
         name: st.sampled_from(row["choices"].split())
         for name, row in TABLE.items()

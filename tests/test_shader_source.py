@@ -207,7 +207,7 @@ def test_defines_of_an_error_are_those_of_its_pass(fresh_renderer, folder, view)
     defines = dict(re.findall(r"#define CSM_(\w+) (\d+)", error.defines))
     assert defines["FILTER"] == defines["FILTER_PCF"]
     assert defines["INSTANCES"] == "0"
-    assert (defines["FILTER_SIZE"], defines["OUT_MASK"], defines["OUT_VALID"]) == ("5", "1", "0")
+    assert (defines["KERNEL_SIZE"], defines["OUT_MASK"], defines["OUT_VALID"]) == ("5", "1", "0")
 
 
 def test_defines_tell_of_instances(fresh_renderer, folder, view):

@@ -211,13 +211,13 @@ void csm_settings_canonical_placement(csm_settings *settings) {
 
 static void canonical_storage(csm_settings *settings) {
     int *effects = settings->effects;
-    if (effects[CSM_EFFECT_STORAGE] != CSM_STORAGE_ATLAS) {
-        reset(settings, CSM_EFFECT_TILE_BORDER);
-        reset(settings, CSM_EFFECT_COPIED_TILES);
-    }
     if (effects[CSM_EFFECT_SAMPLES] > 1) {
         /* casters are drawn into a texture of samples, from which nothing but moments is made */
         effects[CSM_EFFECT_STORAGE] = CSM_STORAGE_ARRAY;
+    }
+    if (effects[CSM_EFFECT_STORAGE] != CSM_STORAGE_ATLAS) {
+        reset(settings, CSM_EFFECT_TILE_BORDER);
+        reset(settings, CSM_EFFECT_COPIED_TILES);
     }
 }
 
