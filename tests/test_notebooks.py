@@ -117,6 +117,26 @@ def test_fit_notebook_shows_what_it_says(outcome):
     assert len(lines[0] & lines[1]) > 20
 
 
+def test_bias_notebook_shows_what_it_says(outcome):
+    variables, _ = outcome("04_bias.py")
+    before, after = variables["shares"] < 0.95, variables["shares"] > 1.02
+    for tangent, curve in variables["curves"].items():
+        assert min(np.array(curve)[before]) > 0.0, f"slope {tangent}: acne below the bound"
+        assert max(np.array(curve)[after]) == 0.0, f"slope {tangent}: none above it"
+    # a texel of the map, and a pixel
+    t = variables["frame"].cascades.texel_size.max()
+    law = variables["biases"] * np.cos(np.radians(variables["elevation"]))
+    assert np.abs(variables["strips"] - law).max() <= t + variables["pixel"]
+    assert max(report.disagreement for report in variables["best"].values()) < 0.01
+    fixed, automatic = variables["kernels"].values()
+    assert fixed[-1] > 20.0
+    assert automatic[-1] < 4.0
+    assert (
+        abs(variables["depths"]["d16"].disagreement - variables["depths"]["d32f"].disagreement)
+        < 1e-3
+    )
+
+
 def test_page_of_pictures_shows_what_its_script_draws():
     docs = FOLDER.parent / "docs"
     shown = re.findall(r"!\[([^\]]+)\]\((images/\w+\.png)\)", (docs / "pictures.md").read_text())
