@@ -26,6 +26,7 @@ from .metrics import compare, edge_yardstick
 from .progress import Progress
 from .renderer import Renderer, backends
 from .results import (
+    BY_SIGN,
     LANDSCAPE,
     check_folder,
     summarise,
@@ -219,6 +220,11 @@ def _add_render_options(render):
         help="with --truth: rays per pixel over the sun's disc (default 1: a point sun)",
     )
     add(
+        "--causes",
+        action="store_true",
+        help="with --truth: tell errors apart by cause; a ray per pixel and texel of the kernel",
+    )
+    add(
         "--sun-diameter",
         metavar="DEG",
         type=float,
@@ -252,6 +258,8 @@ def _render(options):
     settings = parse_settings(options.changes)
     if options.rays is not None and not options.truth:
         raise ValueError("--rays needs --truth")
+    if options.causes and not options.truth:
+        raise ValueError("--causes needs --truth")
     rays = 1 if options.rays is None else parse_rays(options.rays)
     folder = parse_folder(options.out)
     check_folder(folder)
@@ -266,16 +274,25 @@ def _render(options):
         _timed(progress, seconds, "render", "rendering"),
         Renderer(backend=options.backend) as renderer,
     ):
-        frame = renderer.render(scene, camera, sun, settings, outputs=OUTPUTS)
+        outputs = (*OUTPUTS, "mask_single") if options.causes else OUTPUTS
+        frame = renderer.render(scene, camera, sun, settings, outputs=outputs)
     if options.truth:
         with _timed(progress, seconds, "truth", "tracing the truth") as advance:
             traced = truth(scene, camera, sun, rays_per_pixel=rays, progress=advance)
         report = compare(frame, traced)
         judged = report, edge_yardstick(frame, traced)
     names = (camera_name, sun_name)
-    summary = summarise(
-        scene, frame, names=names, version=__version__, seconds=seconds, truth=traced, judged=judged
-    )
+    with progress.stage("judging"):
+        summary = summarise(
+            scene,
+            frame,
+            names=names,
+            version=__version__,
+            seconds=seconds,
+            truth=traced,
+            judged=judged,
+            causes=None if options.causes else BY_SIGN,
+        )
     terrain = (scene.bounds[1] - scene.bounds[0])[[0, 2]].min() >= LANDSCAPE
     with progress.stage("writing"):
         written = write_results(

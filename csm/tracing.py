@@ -87,6 +87,62 @@ class Truth:
         ValueError
             If an array is not (m, 3), not finite, or the two differ in length.
         """
+        visibility, _ = self._towards_sun(points, normals, distances=False)
+        return visibility
+
+    def occluder_distances(self, points, normals=None):
+        """Distance to what first hides the point sun from any points of the world.
+
+        Parameters
+        ----------
+        points, normals : (m, 3) array_like
+            As for `trace`.
+
+        Returns
+        -------
+        distance : (m,) float64
+            Along the ray to the sun [m]; inf where it is seen, 0 where a surface of a given normal
+            does not face it.
+
+        Raises
+        ------
+        ValueError
+            As for `trace`.
+        """
+        return self._towards_sun(points, normals, distances=True)[1]
+
+    def shows_itself(self, points, normals):
+        """Whether the light's first surface along the ray through a point is the point's own.
+
+        What a texel of a shadow map stores there is then the surface that it is compared with.
+
+        Parameters
+        ----------
+        points, normals : (m, 3) array_like
+            Points on surfaces [m] and their unit normals; only those on a triangle can be shown.
+
+        Returns
+        -------
+        own : (m,) bool
+        """
+        points, normals = _points("points", points), _points("normals", normals)
+        tree = tree_of(self.scene)
+        own = np.zeros(len(points), bool)
+        reach = 2.0 * float(np.linalg.norm(np.ptp(tree.bounds, axis=0))) + 1.0
+
+        def work(part, stop):
+            local = points[part] - tree.origin
+            inwards = -normals[part]
+            beneath = tree.query(tree.lifted(local, normals[part]), inwards)
+            down = np.broadcast_to(-self.sun.to_light, local.shape)
+            first = tree.query(local + reach * self.sun.to_light, down)
+            own[part] = (beneath >= 0) & (beneath == first)
+
+        in_chunks(work, len(points))
+        return own
+
+    def _towards_sun(self, points, normals, distances):
+        """Visibility of the point sun (m,), and, where asked for, the occluders' distances (m,)."""
         points = _points("points", points)
         lift_along = np.broadcast_to(self.sun.to_light, points.shape)
         if normals is not None:
@@ -98,15 +154,25 @@ class Truth:
                 )
         tree = tree_of(self.scene)
         visibility = np.zeros(len(points), np.float32)
+        distance = np.zeros(len(points) if distances else 0)
 
         def work(part, stop):
             facing = np.flatnonzero(lift_along[part] @ self.sun.to_light > FACING)
             origins = tree.lifted(points[part][facing] - tree.origin, lift_along[part][facing])
-            hit = tree.query(origins, np.broadcast_to(self.sun.to_light, origins.shape))
+            to_light = np.broadcast_to(self.sun.to_light, origins.shape)
+            hit = tree.query(origins, to_light)
             visibility[part][facing] = hit < 0
+            if distances:
+                far = np.full(len(facing), np.inf)
+                blocked = np.flatnonzero(hit >= 0)
+                met = tree.meet(
+                    hit[blocked], origins[blocked], to_light[blocked], self.sun.to_light
+                )
+                far[blocked] = np.maximum(met[0], 0.0)
+                distance[part][facing] = far
 
         in_chunks(work, len(points))
-        return visibility
+        return visibility, distance
 
 
 def truth(scene, camera, sun, *, rays_per_pixel=1, progress=None):

@@ -1,0 +1,277 @@
+"""Why a mask differs from the truth: visibilities at the stages between them (docs/numerics.md 15).
+
+V0 is the truth at a pixel's point. V1 is exact visibility where the map's texel has its centre, on
+the surface's tangent plane; V2 the mean of V1 over the texels that the filter averages, with its
+weights. V3 is what the shadow map itself gave for the one cascade, V4 the mask. Neighbouring stages
+differ by one cause each, so the causes add up.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from .footprints import footprint_of
+from .sampling import undersampling
+
+__all__ = ["CAUSES", "Stages"]
+
+# What each cause is the difference of, or what it is a part of.
+CAUSES = (
+    "total", "aliasing", "penumbra", "false_shadow", "peter_panning", "light_leak", "seam",
+    "too_bright", "too_dark", "perspective_aliasing", "projection_aliasing", "phase_aliasing",
+)  # fmt: skip
+
+FARTHEST_TEXELS = 1e6  # of a tangent plane nearly edge-on to the light: beyond, nothing is said
+
+
+class Stages:
+    """Exact visibilities of the judged pixels of a frame, traced when they are first asked for.
+
+    Parameters
+    ----------
+    frame : Frame
+        With `cascade_index`, `cascades` and `settings`.
+    truth : Truth
+    judged : (h, w) bool
+    """
+
+    def __init__(self, frame, truth, judged):
+        self.frame, self.truth, self.judged = frame, truth, judged
+        self.settings = frame.settings.canonical()
+
+    @cached_property
+    def _groups(self):
+        """The judged pixels of each cascade: (cascade, flat indices)."""
+        index = np.asarray(self.frame.cascade_index)
+        every = [
+            (i, np.flatnonzero(self.judged & (index == i)))
+            for i in range(self.frame.cascades.count)
+        ]
+        return [(cascade, pixels) for cascade, pixels in every if len(pixels)]
+
+    def _of(self, name, pixels):
+        array = getattr(self.truth, name)
+        return array.reshape(-1, *array.shape[2:])[pixels]
+
+    def _spread(self, values_of):
+        """(h, w) array of a function of (cascade, pixels); 0 where not judged."""
+        spread = np.zeros(self.judged.size)
+        for cascade, pixels in self._groups:
+            spread[pixels] = values_of(cascade, pixels)
+        return spread.reshape(self.judged.shape)
+
+    @cached_property
+    def at_texel_centres(self):
+        """V1: (h, w) float64, 0 where not judged."""
+
+        def values(cascade, pixels):
+            surface = _Surface(self, cascade, pixels)
+            return surface.visibility(np.floor(surface.texels) + 0.5)
+
+        return self._spread(values)
+
+    @cached_property
+    def filtered(self):
+        """V2: (h, w) float64, 0 where not judged."""
+        if self.settings.filter == "hard":
+            return self.at_texel_centres
+        return self._spread(self._filtered)
+
+    def _filtered(self, cascade, pixels):
+        surface = _Surface(self, cascade, pixels)
+        whole = np.floor(surface.texels)
+        half_width = self._half_widths(cascade, pixels)
+        footprint = footprint_of(self.settings, surface.texels - whole, half_width)
+        if footprint is None:
+            raise ValueError(
+                f"the footprint of filter={self.settings.filter!r} is not known: causes after "
+                "aliasing cannot be told apart"
+            )
+        seen = _Lattice(surface, whole.astype(np.int64), footprint.offsets)
+        mean = np.zeros(len(pixels))
+        for i, du in enumerate(footprint.offsets):
+            for j, dv in enumerate(footprint.offsets):
+                weight = footprint.across[:, i] * footprint.along[:, j]
+                mean += np.where(weight > 0.0, weight * seen.visibility(du, dv), 0.0)
+        return mean
+
+    def _half_widths(self, cascade, pixels):
+        """Half width of the kernel [texels]: a number, or one for each pixel."""
+        half = 0.5 * self.settings.filter_size
+        largest = self.frame.cascades.texel_size.max(axis=1)
+        if self.settings.kernel == "world":
+            return max(half * min(largest[0] / largest[cascade], 1.0), 0.5)
+        if self.settings.kernel == "screen":
+            camera = self.frame.camera
+            depth = 1.0 if camera.orthographic else self._view_depth(pixels)
+            pixel = 2.0 * camera.half_height / camera.size[1] * depth
+            return np.clip(half * pixel / largest[cascade], 0.5, half)
+        return half
+
+    def _view_depth(self, pixels):
+        camera = self.frame.camera
+        return (self._of("position", pixels) - camera.eye) @ -camera.backward
+
+    def near_occluder(self, wanted):
+        """Whether an occluder lies within the applied bias of a texel that the filter averages.
+
+        Parameters
+        ----------
+        wanted : (h, w) bool
+            Judged pixels to look at; the rest is False.
+
+        Returns
+        -------
+        near : (h, w) bool
+        """
+
+        def values(cascade, pixels):
+            pixels_wanted = np.flatnonzero(wanted.ravel()[pixels])
+            near = np.zeros(len(pixels))
+            chosen = pixels[pixels_wanted]
+            if len(chosen):
+                surface = _Surface(self, cascade, chosen)
+                distance = surface.nearest_occluder(self._reach(cascade, chosen))
+                near[pixels_wanted] = distance <= self._bias(surface, cascade, chosen)
+            return near
+
+        return self._spread(values) > 0.0
+
+    def _reach(self, cascade, pixels):
+        """Texels around the point's own whose occluders may be meant."""
+        if self.settings.filter == "hard":
+            return 0
+        return int(np.ceil(np.max(self._half_widths(cascade, pixels))))
+
+    def _bias(self, surface, cascade, pixels):
+        """Bias that was applied at each pixel, along the light [m]."""
+        applied = self.frame.info["bias"][cascade]  # a whole depth quantum included
+        sine = np.sqrt(np.maximum(1.0 - surface.cosine**2, 0.0))
+        tangent = sine / surface.cosine
+        return (
+            applied["constant_m"]
+            + applied["slope_m"] * surface.gradient_sum
+            # moved along the normal, a point gains this much along the light over its own plane
+            + applied["normal_offset_m"] * sine * (surface.cosine + sine * tangent)
+        )
+
+    @cached_property
+    def own_surface(self):
+        """Judged pixels whose own texel shows their own triangle: (h, w) bool."""
+
+        def values(cascade, pixels):
+            surface = _Surface(self, cascade, pixels)
+            return surface.shows_itself(np.floor(surface.texels) + 0.5)
+
+        return self._spread(values) > 0.0
+
+    @cached_property
+    def aliasing_shares(self):
+        """Parts of the aliasing by perspective and by projection: two (h, w) float64.
+
+        By logarithms, as the two factors multiply; both 0 where texels are no coarser than pixels.
+        """
+        camera, index = self.frame.camera, np.asarray(self.frame.cascade_index)
+        largest = self.frame.cascades.texel_size.max(axis=1)
+        texel = np.append(largest, np.zeros(256 - len(largest)))[index]
+        depth = 1.0
+        if not camera.orthographic:
+            depth = (self.truth.position - camera.eye) @ -camera.backward
+        perspective = texel * camera.size[1] / (2.0 * camera.half_height * depth)
+        whole = undersampling(self.frame, self.truth)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            projection = whole / perspective
+            logs = [np.log(np.fmax(m, 1.0)) for m in (perspective, projection)]
+            both = logs[0] + logs[1]
+            shares = [np.where(both > 0.0, one / both, 0.0) for one in logs]
+        return [np.nan_to_num(share) for share in shares]
+
+
+class _Lattice:
+    """Exact visibility at the centres of texels around every point.
+
+    Each is traced once for a plane: neighbours on one plane average nearly the same texels.
+    """
+
+    def __init__(self, surface, whole, offsets):
+        self._reach = int(np.abs(offsets).max())
+        plane, first = _planes(surface)
+        low = whole.min(axis=0) - self._reach
+        self._sides = whole.max(axis=0) + self._reach + 1 - low
+        self._keys = self._key(plane, whole - low)
+        wanted = np.unique(self._keys)
+        for axis in (1, self._sides[1]):
+            wanted = np.unique(wanted[:, None] + offsets[None, :] * axis)
+        rest, v = np.divmod(wanted, self._sides[1])
+        of, u = np.divmod(rest, self._sides[0])
+        self._wanted = wanted
+        centres = np.column_stack([u, v]) + low + 0.5
+        self._seen = surface.visibility(centres, first[of])
+
+    def _key(self, plane, place):
+        return (plane * self._sides[0] + place[:, 0]) * self._sides[1] + place[:, 1]
+
+    def visibility(self, du, dv):
+        """(m,) at the texel (du, dv) from the one that holds each point."""
+        return self._seen[np.searchsorted(self._wanted, self._keys + du * self._sides[1] + dv)]
+
+
+def _planes(surface):
+    """Number of each point's plane (m,), and a point of each plane."""
+    offset = np.einsum("mk,mk->m", surface.normal, surface.point)
+    scale = np.abs(surface.point).max(initial=1.0)
+    rounded = np.column_stack([surface.normal * 1e9, offset / scale * 1e9]).round()
+    _, first, plane = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    return plane.ravel().astype(np.int64), first
+
+
+class _Surface:
+    """Tangent planes of pixels, and the rays of one cascade's texels through them."""
+
+    def __init__(self, stages, cascade, pixels):
+        cascades, truth = stages.frame.cascades, stages.truth
+        self.truth = truth
+        self.size = int(cascades.map_size[cascade])
+        self.point, self.normal = stages._of("position", pixels), stages._of("normal", pixels)
+        uvz = np.asarray(cascades.uvz_from_world[cascade])
+        placed = self.point @ uvz[:3, :3].T + uvz[:3, 3]
+        w = self.point @ uvz[3, :3] + uvz[3, 3]
+        self.texels = placed[:, :2] / w[:, None] * self.size
+        self._world_from_uvz = np.linalg.inv(uvz)
+        self.cosine = self.normal @ truth.sun.to_light
+        light = np.asarray(cascades.light_from_world[cascade])[:3, :3]
+        normal_ls = self.normal @ np.linalg.inv(light)
+        self.gradient_sum = np.abs(normal_ls[:, :2] / normal_ls[:, 2:]).sum(axis=1)
+        self.gradient_sum = np.minimum(self.gradient_sum, FARTHEST_TEXELS)
+
+    def on_plane(self, texels, of=slice(None)):
+        """World points of the tangent planes along the rays of texels (m, 2)."""
+        uv = texels / self.size
+        ends = []
+        for z in (0.0, 1.0):
+            uvz = np.column_stack([uv, np.full(len(uv), z), np.ones(len(uv))])
+            moved = uvz @ self._world_from_uvz.T
+            ends.append(moved[:, :3] / moved[:, 3:])
+        ray = ends[1] - ends[0]
+        slope = np.einsum("mk,mk->m", ray, self.normal[of])
+        height = np.einsum("mk,mk->m", self.point[of] - ends[0], self.normal[of])
+        return ends[0] + (height / slope)[:, None] * ray
+
+    def visibility(self, texels, of=slice(None)):
+        """Exact visibility of the tangent planes at texels."""
+        return self.truth.trace(self.on_plane(texels, of), self.normal[of]).astype(np.float64)
+
+    def shows_itself(self, texels):
+        """Whether the light meets the pixel's own triangle first, at texels."""
+        return self.truth.shows_itself(self.on_plane(texels), self.normal)
+
+    def nearest_occluder(self, reach):
+        """Least distance to an occluder over the point and the texels within reach (m,) [m]."""
+        nearest = self.truth.occluder_distances(self.point, self.normal)
+        whole = np.floor(self.texels)
+        for du in range(-reach, reach + 1):
+            for dv in range(-reach, reach + 1):
+                there = self.on_plane(whole + 0.5 + (du, dv))
+                distance = self.truth.occluder_distances(there, self.normal)
+                nearest = np.minimum(nearest, distance)
+        return nearest
