@@ -10,6 +10,7 @@ from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, Shad
 from .frame import Frame
 from .loading import load, load_elevation
 from .metrics import ErrorReport, compare
+from .motion import FlickerReport, flicker
 from .plans import Plan, plan
 from .renderer import Renderer, backends
 from .scene import Camera, Mesh, Scene, Sun
@@ -27,6 +28,7 @@ __all__ = [
     "ContextError",
     "CsmError",
     "ErrorReport",
+    "FlickerReport",
     "Frame",
     "GLError",
     "GLWarning",
@@ -43,6 +45,7 @@ __all__ = [
     "check_cascades",
     "compare",
     "fit_cascades",
+    "flicker",
     "load",
     "load_elevation",
     "plan",

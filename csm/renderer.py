@@ -266,6 +266,8 @@ class Renderer:
             settings=settings,
             timings_ms=result["lists"]["timings_ms"],
             info=self._frame_info(result, settings, camera, cascades),
+            points=points,
+            point_normals=point_normals,
         )
 
     def _check_limits(self, textures, camera, outputs):

@@ -178,7 +178,7 @@ ORDER = [
     "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "shapes",
     "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings",
     "splits", "matrices", "cascades", "plans", "frame", "renderer", "embree", "tracing",
-    "footprints", "sampling", "causes", "metrics",
+    "footprints", "sampling", "causes", "metrics", "measures", "motion",
     "checks", "check_files", "sweeps", "reports", "recommendation", "director", "export",
     "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "results",
     "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
@@ -190,6 +190,8 @@ JUDGES = {
     "sampling",
     "causes",
     "metrics",
+    "motion",
+    "measures",
     "checks",
     "check_files",
 }  # also of somebody else's
