@@ -179,8 +179,9 @@ ORDER = [
     "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings",
     "splits", "matrices", "cascades", "plans", "frame", "renderer", "embree", "tracing",
     "footprints", "sampling", "causes", "metrics", "measures", "motion",
-    "checks", "check_files", "sweeps", "reports", "recommendation", "director", "export",
-    "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "results",
+    "checks", "check_files", "sweeps", "recommendation", "director", "export",
+    "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "techniques",
+    "fronts", "report_pictures", "reports", "report_runs", "results",
     "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {
@@ -206,6 +207,7 @@ LAZY = {
     "plot_windows": {"matplotlib", "mpl_toolkits"},
     "plot_frames": {"matplotlib"},
     "progress": {"rich"},
+    "report_pictures": {"PIL"},
     "cli": {"rich"},
 }
 MODULES = [path for path in PACKAGE.glob("*.py") if path.stem != "__init__"]
