@@ -175,17 +175,19 @@ def test_two_shaders_choose_the_filter():
 
 # Each module may import those before it, never one after it: the order of the data.
 ORDER = [
-    "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "shapes",
-    "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings",
-    "splits", "matrices", "cascades", "plans", "frame", "renderer", "embree", "tracing", "metrics",
-    "checks", "check_files", "sweeps", "reports", "recommendation", "director", "export",
-    "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "results",
-    "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
+    "errors", "spaces", "camera", "sun", "cutouts", "mesh", "instances", "elevation", "scene",
+    "shapes", "plants", "streets", "landscapes", "scenes", "gltf", "materials", "animation",
+    "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "renderer", "embree",
+    "tracing", "metrics", "checks", "check_files", "sweeps", "reports", "recommendation",
+    "director", "export", "pictures", "outlines", "plot_style", "plot_windows", "plot_frames",
+    "plot", "results", "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli",
+    "__main__",
 ]  # fmt: skip
 JUDGES = {"embree", "tracing", "metrics", "checks", "check_files"}  # also of somebody else's
 LAZY = {
     "elevation": {"rasterio"},
     "loading": {"trimesh"},
+    "materials": {"PIL"},
     "landscapes": {"matplotlib"},
     "embree": {"embreex"},
     "pictures": {"matplotlib", "PIL"},
