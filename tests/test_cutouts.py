@@ -1,6 +1,9 @@
 """Meshes with cut-outs (docs/numerics.md 26): maps, what the camera sees, and the truth."""
 
+import gc
 import pickle
+import re
+import sys
 
 import cutout_scenes
 import numpy as np
@@ -106,11 +109,28 @@ def test_a_mesh_refuses(changes, error, text):
 )
 def test_the_core_refuses_what_a_mesh_refuses(mesh, text):
     given = level()
-    with pytest.raises(ValueError, match=text):
-        _core.scene_boxes(
-            ((given.positions, given.triangles, *mesh),), np.zeros(1, np.int32), np.eye(4)[None],
-            np.zeros(3),
-        )  # fmt: skip
+    assert re.search(text, boxes_or_refusal(given.positions, given.triangles, *mesh))
+
+
+def boxes_or_refusal(*mesh):
+    try:
+        _core.scene_boxes((mesh,), np.zeros(1, np.int32), np.eye(4)[None], np.zeros(3))
+    except ValueError as error:
+        return str(error)
+    return ""
+
+
+def test_the_core_lets_go_of_what_it_read_and_of_what_it_refused():
+    given, there = level(), np.ones((4, 4), bool)
+    arrays = [given.positions, given.triangles, given.uv, there]
+    before = [sys.getrefcount(array) for array in arrays]
+    for _ in range(5):
+        assert not boxes_or_refusal(*arrays)
+        assert boxes_or_refusal(*arrays[:2], given.uv[:3], there)
+        assert boxes_or_refusal(*arrays[:3], there[:0])
+        assert boxes_or_refusal(*arrays[:3], there[0])
+    gc.collect()
+    assert [sys.getrefcount(array) for array in arrays] == before
 
 
 def test_scenes_keep_cutouts():
