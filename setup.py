@@ -13,8 +13,8 @@ from setuptools.command.build_ext import build_ext
 
 # In the order of the data, from values to pictures to Python.
 CORE = (
-    "status filters effects scene hull splits splits_resolution splits_histogram frustum view_range"
-    " light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
+    "status filters effects cutouts scene hull splits splits_resolution splits_histogram frustum"
+    " view_range light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
     " light_window tetrahedra coverage_slices coverage coverage_move storage plan shader_source"
 )
 GL = (

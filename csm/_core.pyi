@@ -13,6 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 _Split = Literal[0, 1, 2]  # practical, uniform, logarithmic
 _Snap = Literal[0, 1]  # exact, none
 _Warping = Literal[1, 2, 3]  # lispsm, psm, tsm
+_Mesh = (
+    tuple[ArrayLike, ArrayLike]  # positions, triangles
+    | tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]  # and uv, texels that are there
+)
 _PassName = Literal[
     "view",
     "shadow_map",
@@ -211,7 +215,7 @@ def fit_cascades(
     boxes: ArrayLike | None = None,
 ) -> _Cascades: ...
 def scene_boxes(
-    meshes: tuple[tuple[ArrayLike, ArrayLike], ...],
+    meshes: tuple[_Mesh, ...],
     instance_mesh: ArrayLike,
     world_from_instance: ArrayLike,
     origin: ArrayLike,
@@ -255,7 +259,13 @@ def number_table() -> list[_Number]: ...
 def moment_numbers(settings: Any, /) -> int: ...
 def bias_terms(settings: Any, /) -> tuple[bool, float, float, float, float, float]: ...
 def plan(
-    settings: Any, width: int, height: int, outputs: int, instanced: bool = False, /
+    settings: Any,
+    width: int,
+    height: int,
+    outputs: int,
+    instanced: bool = False,
+    alpha_tested: bool = False,
+    /,
 ) -> tuple[
     list[tuple[_PassName, int, int]],  # pass, cascade or -1, program key
     # name, format, width, height, layers, samples, levels, bytes
@@ -264,7 +274,12 @@ def plan(
     int,  # bytes in all
 ]: ...
 def program_defines(
-    pass_name: _PassName, settings: Any, outputs: int, instanced: bool = False, /
+    pass_name: _PassName,
+    settings: Any,
+    outputs: int,
+    instanced: bool = False,
+    alpha_tested: bool = False,
+    /,
 ) -> str: ...
 
 @final
@@ -276,7 +291,7 @@ class Renderer:
     def messages(self) -> list[tuple[int, str, str]]: ...
     def upload(
         self,
-        meshes: tuple[tuple[ArrayLike, ArrayLike], ...],
+        meshes: tuple[_Mesh, ...],
         instance_mesh: ArrayLike,
         world_from_instance: ArrayLike,
         origin: ArrayLike,

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .gltf import TRIANGLE_STRIP, TRIANGLES, hierarchy, parents_first
+from .materials import MaterialReader
 from .mesh import Mesh
 
 __all__ = ["Animation", "read_animation", "sample_track"]
@@ -222,26 +223,26 @@ def read_animation(document):
     rest, matrices = _rest_pose(nodes)
     meshes, instances, skins = [], [], {}
     shared = {}
+    materials = MaterialReader(document)
     for number, node in enumerate(nodes):
         if number not in reached or "mesh" not in node:
             continue
         for primitive_number in _surfaces(document, node["mesh"]):
             key = (node["mesh"], primitive_number)
             if "skin" in node:
-                mesh, skin = _read_skin(document, *key, node["skin"])
+                mesh, skin = _read_skin(document, materials, *key, node["skin"])
                 skins[len(meshes)] = skin
                 instances.append((len(meshes), -1))
                 meshes.append(mesh)
             else:
                 if key not in shared:
                     shared[key] = len(meshes)
-                    meshes.append(_read_mesh(document, *key)[0])
+                    meshes.append(_read_mesh(document, materials, *key)[0])
                 instances.append((shared[key], number))
     tracks = _read_clips(document, matrices)
     animation = Animation(parents, rest, matrices, tuple(meshes), tuple(instances), skins, tracks)
     for number, positions in animation.pose()[0].items():
-        mesh = meshes[number]
-        meshes[number] = Mesh(positions, mesh.triangles, mesh.name)
+        meshes[number] = meshes[number].posed(positions)
     return Animation(parents, rest, matrices, tuple(meshes), tuple(instances), skins, tracks)
 
 
@@ -265,7 +266,7 @@ def _surfaces(document, mesh):
     return [n for n, p in enumerate(primitives) if p.get("mode", TRIANGLES) in drawn]
 
 
-def _read_mesh(document, mesh, primitive_number):
+def _read_mesh(document, materials, mesh, primitive_number):
     """Return the Mesh of a primitive and its attributes, in the vertex order of the file."""
     mesh_item = document.item("meshes", mesh)
     primitive = mesh_item["primitives"][primitive_number]
@@ -285,11 +286,11 @@ def _read_mesh(document, mesh, primitive_number):
     else:
         triangles = indices.reshape(-1, 3)
     name = f"{mesh_item.get('name', 'mesh')}" + (f"_{primitive_number}" if primitive_number else "")
-    return Mesh(positions, triangles, name), attributes
+    return Mesh(positions, triangles, name, **materials.cutout(primitive)), attributes
 
 
-def _read_skin(document, mesh, primitive_number, skin_number):
-    mesh, attributes = _read_mesh(document, mesh, primitive_number)
+def _read_skin(document, materials, mesh, primitive_number, skin_number):
+    mesh, attributes = _read_mesh(document, materials, mesh, primitive_number)
     skin = document.item("skins", skin_number)
     nodes = np.array(skin["joints"], np.int64)
     for node in nodes.tolist():

@@ -8,6 +8,7 @@ import numpy as np
 
 from . import _core
 from .camera import Camera
+from .cutouts import core_meshes
 from .matrices import read_matrices
 from .scene import Scene
 from .settings import ShadowSettings
@@ -214,9 +215,8 @@ def _part_boxes(scene):
     with _boxes_lock:
         boxes = _boxes.get(scene)
     if boxes is None:
-        meshes = tuple((mesh.positions, mesh.triangles) for mesh in scene.meshes)
         boxes = _core.scene_boxes(
-            meshes, scene.instance_mesh, scene.world_from_instance, scene.origin
+            core_meshes(scene), scene.instance_mesh, scene.world_from_instance, scene.origin
         )
         with _boxes_lock:
             _boxes[scene] = boxes

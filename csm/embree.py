@@ -11,6 +11,8 @@ from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 
+from .cutouts import Cutouts, has_cutout
+
 __all__ = ["RayTree", "in_chunks", "tree_of"]
 
 CHUNK_RAYS = 1 << 16  # rays of one call into Embree, some milliseconds
@@ -35,6 +37,7 @@ class RayTree:
         # (m, 3, 3): as separate triangles there are no indices that Embree could follow out of
         # range. Shared corners stay bit-equal, which is what robust mode needs at edges.
         self.corners = rounded[triangles]
+        self._cutouts = Cutouts(scene) if has_cutout(scene) else None
         self._embree = EmbreeScene(robust=True)
         for first in range(0, len(self.corners), CHUNK_TRIANGLES):
             TriangleMesh(self._embree, self.corners[first : first + CHUNK_TRIANGLES])
@@ -42,10 +45,69 @@ class RayTree:
         self.query(np.zeros((1, 3)), np.ones((1, 3)))
 
     def query(self, origins, directions):
-        """Find the first triangle along each ray, -1 for none.
+        """Find the first triangle along each ray, -1 for none; where it is cut out it is not met.
 
         Takes two (m, 3) float arrays, returns (m,) int64.
         """
+        found = self._first(origins, directions)
+        if self._cutouts is not None:
+            self._walk_on(found, origins, directions)
+        return found
+
+    def _walk_on(self, found, origins, directions):
+        """Send rays that met a triangle where it is cut out on, from there, until none is left.
+
+        embreex has no filter callbacks: a ray starts again two float32 steps behind what it met,
+        and twice as far again while that is not behind it, as where it runs along the triangle.
+        """
+        rays = np.flatnonzero(found >= 0)
+        rays = rays[self._cutouts.row[found[rays]] >= 0]
+        reached, doubled, last = np.zeros(len(rays)), np.zeros(len(rays)), found[rays]
+        while len(rays):
+            start, along = origins[rays], directions[rays]
+            parameter, weights = self._place(last, start, along)
+            through = ~self._cutouts.there(last, weights)
+            rays, start, along, last = rays[through], start[through], along[through], last[through]
+            parameter = np.maximum(parameter[through], reached[through])
+            point = start + parameter[:, None] * along
+            step = 2.0 * 2.0**-23 * np.maximum(np.abs(point), np.abs(start)).max(axis=1, initial=0)
+            step = np.ldexp(step / np.linalg.norm(along, axis=1), doubled[through].astype(int))
+            reached = parameter + step
+            met = self._first(start + reached[:, None] * along, along)
+            found[rays] = met
+            again = met == last
+            on = np.flatnonzero(met >= 0)
+            on = on[self._cutouts.row[met[on]] >= 0]
+            doubled = np.where(again, doubled[through] + 1.0, 0.0)[on]
+            rays, reached, last = rays[on], reached[on], met[on]
+
+    def _place(self, triangles, origins, directions):
+        """Where rays meet the planes of triangles with a cut-out, in doubles.
+
+        Returns the ray parameter (m,) and the shares of the corners (m, 3), held to the triangle:
+        Embree lets rays by a rounding outside meet it.
+        """
+        corners = self.corners[triangles].astype(np.float64)
+        edges = corners[:, 1:] - corners[:, :1]
+        across = np.cross(directions, edges[:, 1])
+        volume = np.einsum("ij,ij->i", across, edges[:, 0])
+        offset = origins - corners[:, 0]
+        twisted = np.cross(offset, edges[:, 0])
+        with np.errstate(divide="ignore", invalid="ignore"):
+            second = np.einsum("ij,ij->i", across, offset) / volume
+            third = np.einsum("ij,ij->i", twisted, directions) / volume
+            parameter = np.einsum("ij,ij->i", twisted, edges[:, 1]) / volume
+        # a ray in the triangle's plane meets it nowhere in particular: at its first corner
+        second, third, parameter = np.nan_to_num(
+            [second, third, parameter], nan=0.0, posinf=0.0, neginf=0.0
+        )
+        square = np.einsum("ij,ij->i", directions, directions)
+        span = np.einsum("ikj,ij->ik", corners - origins[:, None, :], directions) / square[:, None]
+        parameter = np.clip(parameter, span.min(axis=1), span.max(axis=1))
+        weights = np.clip(np.stack([1.0 - second - third, second, third], axis=1), 0.0, 1.0)
+        return parameter, weights / weights.sum(axis=1, keepdims=True)
+
+    def _first(self, origins, directions):
         if origins.shape != directions.shape or origins.shape[1:] != (3,):
             raise AssertionError(f"rays of shapes {origins.shape} and {directions.shape}")
         if not len(origins):

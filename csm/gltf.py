@@ -35,6 +35,25 @@ class Document:
 
     header: dict
     buffers: tuple[bytes, ...]
+    folder: Path = Path()
+
+    def read(self, uri):
+        """Read what a uri names: itself, or a file beside this one."""
+        if uri.startswith("data:"):
+            return base64.b64decode(uri.partition(",")[2], validate=True)
+        if "://" in uri:
+            raise ValueError(f"files are read from the disk, not from the network (got {uri!r})")
+        return (self.folder / urllib.parse.unquote(uri)).read_bytes()
+
+    def view_bytes(self, number):
+        """Bytes of one buffer view; ValueError if it ends beyond its buffer."""
+        view = self.item("bufferViews", number)
+        start, length, buffer = view.get("byteOffset", 0), view["byteLength"], view["buffer"]
+        if not all(isinstance(value, int) and value >= 0 for value in (start, length, buffer)):
+            raise ValueError(f"bufferView {number} has a bad offset or length")
+        if buffer >= len(self.buffers) or start + length > len(self.buffers[buffer]):
+            raise ValueError(f"bufferView {number} ends beyond its buffer")
+        return self.buffers[buffer][start : start + length]
 
     def items(self, what):
         """Return the JSON array `what`, or an empty list.
@@ -153,14 +172,14 @@ def read_gltf(path):
         raise ValueError("it is not glTF: the JSON has no asset")
     if not str(header["asset"].get("version", "")).startswith("2"):
         raise ValueError(f"glTF 2 is read (got version {header['asset'].get('version')!r})")
-    document = Document(header, ())
+    document = Document(header, (), Path(path).parent)
     buffers = []
     for number, buffer in enumerate(document.items("buffers")):
-        buffers.append(_buffer_bytes(buffer, chunk if number == 0 else None, Path(path).parent))
+        buffers.append(_buffer_bytes(document, buffer, chunk if number == 0 else None))
         length = buffer.get("byteLength")
         if not isinstance(length, int) or length > len(buffers[-1]):
             raise ValueError(f"buffer {number} is shorter than its byteLength {length!r}")
-    return Document(header, tuple(buffers))
+    return Document(header, tuple(buffers), document.folder)
 
 
 def _glb_chunks(data):
@@ -183,17 +202,13 @@ def _glb_chunks(data):
     return chunks[0][1], binary[0] if binary else None
 
 
-def _buffer_bytes(buffer, chunk, folder):
+def _buffer_bytes(document, buffer, chunk):
     uri = buffer.get("uri")
     if uri is None:
         if chunk is None:
             raise ValueError("a buffer has no uri and the file no binary chunk")
         return chunk
-    if uri.startswith("data:"):
-        return base64.b64decode(uri.partition(",")[2], validate=True)
-    if "://" in uri:
-        raise ValueError(f"buffers are read from files, not from the network (got {uri!r})")
-    return (folder / urllib.parse.unquote(uri)).read_bytes()
+    return document.read(uri)
 
 
 def hierarchy(document):
@@ -268,8 +283,10 @@ def refuse_what_trimesh_misreads(document):
         triangle fans, and morph targets that are not at rest.
     """
     header = document.header
-    if header.get("extensionsRequired"):
-        names = ", ".join(map(str, header["extensionsRequired"]))
+    # a texture transform touches cut-outs alone, and there it is honoured
+    required = [n for n in header.get("extensionsRequired", []) if n != "KHR_texture_transform"]
+    if required:
+        names = ", ".join(map(str, required))
         raise ValueError(f"it requires extensions, which csm does not read: {names}")
     document.check_accessors()
     hierarchy(document)

@@ -1,17 +1,17 @@
-"""Landscapes with plants: a wood on rolling ground, and the real terrain of the demo."""
+"""Landscapes with plants: a wood, a park of cut-outs, and the real terrain of the demo."""
 
 import numpy as np
 
 from .camera import Camera
 from .elevation import grid_mesh, read_elevation, surface_height
 from .mesh import Mesh
-from .plants import planted
+from .plants import card_tree, planted
 from .scene import Scene
-from .shapes import mesh
+from .shapes import boxes_at, ground, mesh, placements
 from .spaces import as_whole
 from .sun import Sun
 
-__all__ = ["demo_terrain", "forest"]
+__all__ = ["demo_terrain", "foliage", "forest"]
 
 
 def _terrain(height, half, cells):
@@ -80,6 +80,70 @@ def forest(trees=1500):
             "ahead": Sun.from_compass(3, 14, 0.53),
         },
     )
+
+
+def foliage(trees=9):
+    """Plant a park of leaves on cards behind a wire-mesh fence: casters with cut-outs.
+
+    The trees are instances of two meshes, limbs and a crown of 170 cards; the fence is two
+    triangles, over which an image of one mesh of 6 cm repeats.
+
+    Parameters
+    ----------
+    trees : int
+        1 to 10,000, about one per 30 square metres.
+
+    Returns
+    -------
+    scene : Scene
+        Cameras ``under`` (light through a crown), ``fence`` (its wires' shadow, farther off thinner
+        than texels), ``park``. Suns ``noon``, ``low`` (14 degrees, through all the
+        crowns), ``edge_on`` (in the plane of the fence).
+    """
+    trees = as_whole("trees", trees, 1, 10_000)
+    random = np.random.default_rng(7)
+    columns = int(np.ceil(np.sqrt(trees)))
+    half = 3.0 * columns
+    row, column = np.divmod(np.arange(trees), columns)
+    places = 6.0 * np.stack([column, np.zeros(trees), row], axis=1) + (3.0 - half, 0.0, 3.0 - half)
+    places[:, [0, 2]] += random.uniform(-1.2, 1.2, (trees, 2))
+    heights = random.uniform(4.5, 7.0, trees)
+    stand = placements(places, random.uniform(0.0, 360.0, trees), heights)
+    z, size, height = half + 1.5, 0.06, 1.8
+    corners = np.array([[-half, 0.05, z], [half, 0.05, z], [half, height, z], [-half, height, z]])
+    uv = (corners[:, :2] - corners[3, :2]) / (size, -size)
+    fence = Mesh(corners, np.array([[0, 1, 2], [0, 2, 3]]), "fence", uv, _wire_image(0.06), 0.5)
+    feet = np.array([(x, 0.0, z + 0.03) for x in np.linspace(-half, half, columns + 1)])
+    posts = boxes_at(feet, (-0.03, 0.0, 0.0), (0.03, height + 0.05, 0.06))
+    return Scene(
+        [mesh("ground", ground(half + 14.0)), *card_tree(5), fence, mesh("posts", posts)],
+        np.concatenate([[0], np.full(trees, 1), np.full(trees, 2), [3, 4]]),
+        np.concatenate([np.eye(4)[None], stand, stand, np.eye(4)[None], np.eye(4)[None]]),
+        name="foliage",
+        cameras={
+            "under": Camera.look_at(
+                (0.3 * half, 1.7, half + 0.8), (-0.3 * half, 0.9, -0.2 * half), near=0.1, far=300
+            ),
+            "fence": Camera.look_at(
+                (half - 0.5, 1.6, z + 3.2), (0.2 * half, 0.1, z - 0.3), near=0.1, far=300
+            ),
+            "park": Camera.look_at(
+                (-half - 3.0, 5.5, half + 7.0), (0, 1.8, 0), fov_y_deg=50, far=300
+            ),
+        },
+        suns={
+            "noon": Sun.from_compass(200, 58, 0.53),
+            "low": Sun.from_compass(310, 14, 0.53),
+            "edge_on": Sun((1.0, 0.5, 0.0)),
+        },
+    )
+
+
+def _wire_image(wire, side=64):
+    """Alpha of one mesh of a wire fence, (side, side) uint8: a diamond; `wire` in image sides."""
+    v, u = (np.indices((side, side)) + 0.5) / side
+    away = np.minimum(np.abs((u + v) % 1.0 - 0.5), np.abs((u - v) % 1.0 - 0.5)) / np.sqrt(2.0)
+    return np.where(away <= wire, 255, 0).astype(np.uint8)
 
 
 def demo_terrain(trees=4000):

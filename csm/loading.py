@@ -14,6 +14,7 @@ from .animation import read_animation
 from .camera import Camera
 from .elevation import read_elevation
 from .gltf import read_gltf, refuse_what_trimesh_misreads
+from .materials import has_mask
 from .mesh import Mesh
 from .scene import Part, Scene
 from .sun import Sun
@@ -29,8 +30,13 @@ def load(path):
     """Load a scene from a mesh file.
 
     Node transforms and instances are kept, in double precision; +y is up and units are taken as
-    metres, whatever the file says. Points, lines, materials and textures are left out. A glTF file
-    with skins or animations comes in its rest pose, see `Scene.at`.
+    metres, whatever the file says. Points and lines are left out. A glTF file with skins or
+    animations comes in its rest pose, see `Scene.at`.
+
+    Of materials only cut-outs are read, and of glTF alone: ``alphaMode`` MASK with the alpha of
+    ``baseColorTexture`` times that of ``baseColorFactor``, any set of texture coordinates,
+    KHR_texture_transform. The nearest texel decides, whatever the sampler's filter. BLEND is taken
+    as OPAQUE: it casts a whole shadow and is seen as a whole surface.
 
     Parameters
     ----------
@@ -53,9 +59,11 @@ def load(path):
     ValueError
         If it is damaged, or would load wrongly without a word: sparse, quantised or non-finite
         positions, indices out of range, triangle fans, morph targets, required extensions,
-        singular transforms, no triangles. The text names the path and the cause.
+        singular transforms, no triangles; cut-outs with vertex alpha, with an image that only an
+        extension knows, or with coordinates beyond 0 to 1 that do not repeat. The text names the
+        path and the cause.
     ImportError
-        If trimesh is not installed.
+        If trimesh is not installed, or pillow for a glTF file with cut-outs.
     """
     path = _existing(path)
     suffix = path.suffix.lower()
@@ -68,7 +76,7 @@ def load(path):
     trimesh = _trimesh()
     try:
         scene = _loaded(path, suffix, trimesh)
-    except OSError:
+    except (ImportError, OSError):
         raise
     except Exception as error:  # of damaged structure, beside the refusals in words
         cause = str(error) or f"malformed: {type(error).__name__}"
@@ -159,8 +167,9 @@ def _loaded(path, suffix, trimesh):
     if suffix in (".glb", ".gltf"):
         document = read_gltf(path)
         refuse_what_trimesh_misreads(document)
-        if document.items("skins") or document.items("animations"):
-            return _animated(path, document)
+        # trimesh drops what moves, and of textures how they wrap, turn and which coordinates
+        if document.items("skins") or document.items("animations") or has_mask(document):
+            return _read_here(path, document)
         options["skip_materials"] = True
     elif suffix == ".obj":
         options["skip_materials"] = True
@@ -206,7 +215,7 @@ def _read_by_trimesh(path, trimesh, options):
         raise ValueError(f"malformed: {error or type(error).__name__}") from error
 
 
-def _animated(path, document):
+def _read_here(path, document):
     animation = read_animation(document)
     if not animation.meshes:
         raise ValueError("it holds no triangles")
@@ -215,14 +224,16 @@ def _animated(path, document):
     if "georeference" in names:
         world_from_node = animation.world_from_nodes(animation.rest)
         georeference = world_from_node[names.index("georeference"), :3, 3]
-    part = Part(animation, tuple(range(len(animation.meshes))), 0, np.eye(4))
+    parts = []
+    if animation.tracks:
+        parts = [Part(animation, tuple(range(len(animation.meshes))), 0, np.eye(4))]
     return Scene(
         animation.meshes,
         np.array([mesh for mesh, _ in animation.instances]),
         animation.pose()[1],
         name=path.stem,
         georeference=georeference,
-        parts=[part],
+        parts=parts,
     )
 
 

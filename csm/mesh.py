@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .cutouts import checked_cutout
 from .spaces import frozen, real_array
 
 __all__ = ["Mesh"]
@@ -21,6 +22,17 @@ class Mesh:
         Vertex indices, counter-clockwise seen from the front, m >= 1; copied.
     name : str
         For messages.
+    uv : (n, 2) array_like, optional
+        Where each vertex lies in the image `alpha`, as in glTF: (0, 0) is its upper left corner,
+        (1, 1) its lower right, v down; beyond them it repeats. Finite, over at most 2^20 texels;
+        copied.
+    alpha : (h, w) array_like, optional
+        A cut-out, row 0 on top: float32 in [0, 1] or uint8; copied, unless it is read-only.
+        Of the triangles there is what lies over texels with ``alpha >= alpha_cutoff``: neither a
+        camera nor the light sees the rest. The nearest texel decides, unfiltered. `uv` and
+        `alpha` come together or not at all.
+    alpha_cutoff : float
+        0 or more, as a share: of uint8, 255 is 1.
 
     Attributes
     ----------
@@ -28,6 +40,11 @@ class Mesh:
         Read-only, C-contiguous.
     triangles : (m, 3) int32
         Read-only, C-contiguous.
+    uv : (n, 2) float64 or None
+    alpha : (h, w) float32 or uint8 or None
+        Read-only, C-contiguous.
+    alpha_cutoff : float
+        0.5 without a cut-out.
 
     Raises
     ------
@@ -38,8 +55,11 @@ class Mesh:
     positions: np.ndarray
     triangles: np.ndarray
     name: str
+    uv: np.ndarray | None
+    alpha: np.ndarray | None
+    alpha_cutoff: float
 
-    def __init__(self, positions, triangles, name=""):
+    def __init__(self, positions, triangles, name="", uv=None, alpha=None, alpha_cutoff=0.5):
         if not isinstance(name, str):
             raise TypeError(f"name must be a string (got {name!r})")
         label = f" of mesh {name!r}" if name else ""
@@ -53,24 +73,31 @@ class Mesh:
             raise ValueError(
                 f"positions{label} must be finite (vertex {first} is {positions[first].tolist()})"
             )
-        object.__setattr__(self, "positions", frozen(positions))
-        object.__setattr__(
-            self, "triangles", frozen(_checked_triangles(triangles, len(positions), label))
-        )
-        object.__setattr__(self, "name", name)
+        put = object.__setattr__.__get__(self)
+        put("positions", frozen(positions))
+        put("triangles", frozen(_checked_triangles(triangles, len(positions), label)))
+        put("name", name)
+        cutout = checked_cutout(label, len(positions), self.triangles, uv, alpha, alpha_cutoff)
+        for field, value in zip(("uv", "alpha", "alpha_cutoff"), cutout, strict=True):
+            put(field, value)
+
+    def posed(self, positions):
+        """Return the same triangles, name and cut-out over other positions."""
+        return Mesh(positions, self.triangles, self.name, self.uv, self.alpha, self.alpha_cutoff)
 
     def __repr__(self):
+        cutout = "" if self.alpha is None else ", with a cut-out"
         return (
-            f"<Mesh {self.name!r}: {len(self.triangles)} triangles, {len(self.positions)} vertices>"
+            f"<Mesh {self.name!r}: {len(self.triangles)} triangles, "
+            f"{len(self.positions)} vertices{cutout}>"
         )
-
-    def __getstate__(self):
-        return (self.positions, self.triangles, self.name)
 
     def __setstate__(self, state):
         # Arrays come out of a pickle writable.
-        positions, triangles, name = state
-        self.__dict__.update(positions=frozen(positions), triangles=frozen(triangles), name=name)
+        for value in state.values():
+            if isinstance(value, np.ndarray):
+                value.flags.writeable = False
+        self.__dict__.update(state)
 
 
 def _checked_triangles(triangles, vertex_count, label):

@@ -113,7 +113,9 @@ def output_bits(outputs, points=False):
     return bits, names
 
 
-def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS, instanced=False):
+def plan(
+    settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS, instanced=False, alpha_tested=False
+):
     """What rendering with these settings runs and holds; needs no OpenGL.
 
     Parameters
@@ -125,6 +127,8 @@ def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS, instanced=Fals
         As for `Renderer.render`.
     instanced : bool
         Whether the scene draws a mesh more than once: pixels then name their instance too.
+    alpha_tested : bool
+        Whether a mesh of the scene has a cut-out: the passes that draw then look it up.
 
     Returns
     -------
@@ -150,7 +154,7 @@ def plan(settings, *, size=(1920, 1080), outputs=DEFAULT_OUTPUTS, instanced=Fals
     check_kinds(settings=settings)
     bits, _ = output_bits(outputs)
     steps, textures, programs, total = _core.plan(
-        settings, *checked_size(size), bits, bool(instanced)
+        settings, *checked_size(size), bits, bool(instanced), bool(alpha_tested)
     )
     return Plan(
         tuple(Pass(name, None if cascade < 0 else cascade, key) for name, cascade, key in steps),

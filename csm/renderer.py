@@ -13,6 +13,7 @@ import numpy as np
 
 from . import _core
 from .cascades import Cascades, check_kinds
+from .cutouts import core_meshes, has_cutout
 from .errors import ContextError, GLWarning, LimitError, ShaderError
 from .frame import Frame, array_shapes, prepare_arrays
 from .plans import DEFAULT_OUTPUTS, MAP_OUTPUTS, output_bits
@@ -252,7 +253,9 @@ class Renderer:
             except ShaderError as error:
                 # every mesh of a scene has an instance: more of them, and one is drawn again
                 instanced = len(scene.instance_mesh) > len(scene.meshes)
-                error.defines = _core.program_defines(error.pass_name, settings, bits, instanced)
+                error.defines = _core.program_defines(
+                    error.pass_name, settings, bits, instanced, has_cutout(scene)
+                )
                 raise
             finally:
                 self._tell_messages(core)
@@ -310,8 +313,9 @@ class Renderer:
         known = self._scenes.get(id(scene))
         if known is not None:
             return known[1]
-        meshes = tuple((mesh.positions, mesh.triangles) for mesh in scene.meshes)
-        handle = core.upload(meshes, scene.instance_mesh, scene.world_from_instance, scene.origin)
+        handle = core.upload(
+            core_meshes(scene), scene.instance_mesh, scene.world_from_instance, scene.origin
+        )
         key, scenes, dropped = id(scene), self._scenes, self._dropped
 
         def drop(_):

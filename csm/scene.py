@@ -125,7 +125,18 @@ class Scene:
         put("parts", tuple(parts))
 
     @classmethod
-    def from_arrays(cls, positions, triangles, *, name="", cameras=None, suns=None):
+    def from_arrays(
+        cls,
+        positions,
+        triangles,
+        *,
+        name="",
+        cameras=None,
+        suns=None,
+        uv=None,
+        alpha=None,
+        alpha_cutoff=0.5,
+    ):
         """Make a scene of one mesh.
 
         Parameters
@@ -136,6 +147,8 @@ class Scene:
             Vertex indices, counter-clockwise seen from the front; copied.
         name : str
         cameras, suns : mapping of str to Camera, Sun
+        uv, alpha, alpha_cutoff
+            A cut-out, as `Mesh` takes it.
 
         Returns
         -------
@@ -146,7 +159,8 @@ class Scene:
         TypeError, ValueError
             As `Mesh`.
         """
-        return cls([Mesh(positions, triangles, name)], name=name, cameras=cameras, suns=suns)
+        mesh = Mesh(positions, triangles, name, uv, alpha, alpha_cutoff)
+        return cls([mesh], name=name, cameras=cameras, suns=suns)
 
     @classmethod
     def from_elevation(cls, heights, cell_size, origin=None, *, name="", cameras=None, suns=None):
@@ -357,8 +371,7 @@ class Scene:
                 continue
             posed, world_from_instance = part.animation.pose(clip, seconds)
             for number, positions in posed.items():
-                mesh = meshes[part.meshes[number]]
-                meshes[part.meshes[number]] = Mesh(positions, mesh.triangles, mesh.name)
+                meshes[part.meshes[number]] = meshes[part.meshes[number]].posed(positions)
             last = part.first_instance + len(world_from_instance)
             transforms[part.first_instance : last] = part.world_from_part @ world_from_instance
         return self._with(meshes=meshes, world_from_instance=transforms)

@@ -7,7 +7,7 @@ the command line takes to the functions. Lengths in metres, y up, ground at or n
 import numpy as np
 
 from .camera import Camera
-from .landscapes import demo_terrain, forest
+from .landscapes import demo_terrain, foliage, forest
 from .scene import Scene
 from .shapes import box, boxes, boxes_at, ground, join, mesh, placements, repeat, tube
 from .spaces import as_number, as_whole
@@ -18,6 +18,7 @@ __all__ = [
     "SCENES",
     "demo_terrain",
     "fence",
+    "foliage",
     "forest",
     "long_road",
     "plane_and_box",
@@ -216,6 +217,7 @@ SCENES = {
     "wires": wires,
     "stairs": stairs,
     "long_road": long_road,
+    "foliage": foliage,
     "forest": forest,
     "town": town,
     "demo": demo_terrain,

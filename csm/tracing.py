@@ -185,7 +185,8 @@ def truth(scene, camera, sun, *, rays_per_pixel=1, progress=None):
     Parameters
     ----------
     scene : Scene
-        Every triangle is opaque and has two sides. The tree built for it is kept while it lives.
+        Every triangle has two sides and is opaque, but for what a mesh's `alpha` cuts out of it,
+        which rays pass through. The tree built for it is kept while it lives.
     camera : Camera
     sun : Sun
         Its ``angular_diameter_deg`` counts only with more than one ray.

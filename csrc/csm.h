@@ -87,6 +87,7 @@ void csm_fail_more(csm_error *err, const char *format, ...) __attribute__((forma
 #define CSM_PASS_SHADOW_MOMENTS 64u
 #define CSM_PASS_SHADOW_BLUR 128u
 #define CSM_PASS_SHADOW_SUM 256u
+#define CSM_PASS_IDS 512u /* the passes that sum up what the view pass saw */
 
 typedef enum csm_effect {
 #define CSM_EFFECT(id, name, type, default_value, min, max, passes, choices, help) CSM_EFFECT_##id,
@@ -520,7 +521,17 @@ typedef struct csm_mesh_view {
     size_t vertex_count;
     const int32_t *triangles; /* triangle_count x 3 */
     size_t triangle_count;
+    /* A cut-out (docs/numerics.md 26), or NULL for both: texture coordinates, vertex_count x 2, v
+     * down, repeating; and what of the image is there, one byte a texel, 0 where it is cut out. */
+    const double *uv;
+    const uint8_t *cutout;
+    int cutout_width, cutout_height; /* 1 to CSM_MAX_CUTOUT */
 } csm_mesh_view;
+
+#define CSM_MAX_CUTOUT 16384
+
+/* Texels that the coordinates of one mesh may span: float32 then still tells 1/16 of a texel. */
+#define CSM_MAX_CUTOUT_SPAN (1 << 20)
 
 typedef struct csm_scene_desc {
     const csm_mesh_view *meshes;
@@ -537,6 +548,13 @@ typedef struct csm_chunk {
     uint32_t first_item, item_count;         /* csm_geometry.items: one per instance */
 } csm_chunk;
 
+/* Where a vertex lies in its mesh's cut-out; all zero without one. */
+typedef struct csm_cutout_vertex {
+    float texels[2]; /* x, y from the image's upper left corner, a whole number of images apart */
+    uint32_t first;  /* word of csm_geometry.cutouts that the image's rows begin at */
+    uint32_t size;   /* width - 1, height - 1 in the lower and upper 16 bits */
+} csm_cutout_vertex;
+
 typedef struct csm_item {
     double bounds[6]; /* world, {min, max} */
     uint32_t chunk;
@@ -545,7 +563,7 @@ typedef struct csm_item {
 
 /* Meshes that occur once are baked to origin-relative positions under instance 0, the identity;
  * meshes that occur more often are stored once. Triangles are sorted along a space-filling curve
- * inside a mesh, so that chunks are compact. */
+ * inside a mesh, so that chunks are compact. Meshes with a cut-out come after those without. */
 typedef struct csm_geometry {
     float *positions; /* vertex_count x 3; vertex t is the last corner of triangle t alone */
     size_t vertex_count;
@@ -555,8 +573,12 @@ typedef struct csm_geometry {
                       of the rounded positions; zero-area triangles have a zero normal */
     float *instances; /* instance_count x 12: rows of origin_from_local (3 x 4); row 0 identity */
     int instance_count;
+    csm_cutout_vertex *cutout_vertices; /* vertex_count; NULL if no mesh has a cut-out */
+    uint32_t *cutouts; /* rows of bits, each from a word of its own, lowest bit first; 1 is there */
+    size_t cutout_word_count;
     csm_chunk *chunks;
     size_t chunk_count;
+    size_t cutout_chunk; /* first chunk of a mesh with a cut-out, chunk_count without */
     csm_item *items;
     size_t item_count;
     size_t drawn_triangle_count; /* with every instance counted */

@@ -8,6 +8,7 @@ functions that passes include. Every effect is a ``CSM_*`` macro that is always 
 ``receiver_range.comp``             depths of what is seen and faces the sun
 ``receiver_bounds.comp``            light-space boxes of the same, per cascade
 ``shadow_map.vert``                 casters into one layer of the shadow maps
+``shadow_map.frag``                 depth in warped maps; holes of casters with a cut-out
 ``shadow_mask.comp``                visibility of the camera's receivers
 ``shadow_points.comp``              visibility of given world points, looked up in the same maps
 ``include/``                        spaces and uniform blocks, cascade selection, bias, filters

@@ -23,4 +23,7 @@ void main()
     float z = map_depth(position_ls.z, cascade);
     gl_Position = vec4(turned(position_ls.xy, cascade) * clip.xy + clip.zw, CSM_REVERSED_DEPTH == 1 ? 1.0 - z : z, 1.0);
 #endif
+#if CSM_ALPHA_TEST
+    pass_cutout();
+#endif
 }

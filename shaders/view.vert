@@ -14,4 +14,7 @@ void main()
         (origin_from_local(instance, position) - frame.eye_high.xyz) - frame.eye_low.xyz;
     gl_Position = frame.clip_from_eye * vec4(from_eye, 1.0);
     ids = uvec2(uint(gl_VertexID), instance);
+#if CSM_ALPHA_TEST
+    pass_cutout();
+#endif
 }

@@ -7,6 +7,7 @@ import scene_files
 from hard_case_records import Recorder, cases_of
 
 import csm
+from csm.cutouts import has_cutout
 from csm.pytest_plugin import evidence_folder, write_evidence
 
 _FAILED = pytest.StashKey[bool]()
@@ -82,17 +83,27 @@ class _Idle:
 
     def __init__(self, renderer):
         self.renderer = renderer
-        self.scene, twin = self.make_scene(), self.make_scene()
+        self.scene = self.make_scene()
         self.draw(self.scene)
-        alone = renderer.info["live_objects"]
-        self.draw(twin)
-        self.objects_per_scene = renderer.info["live_objects"] - alone
+        self.objects = {  # of a scene, by whether it has a cut-out
+            False: self.added_by(self.make_scene()),
+            True: self.added_by(self.make_scene(uv=np.zeros((4, 2)), alpha=np.ones((2, 2)))),
+        }
         self.expected = self.unowned_objects()
 
     @staticmethod
-    def make_scene():
+    def make_scene(**cutout):
         positions = [[-1, 0, -1], [-1, 0, 1], [1, 0, 1], [0, 1, 0]]
-        return csm.Scene.from_arrays(positions, [[0, 1, 2], [0, 1, 3]])
+        return csm.Scene.from_arrays(positions, [[0, 1, 2], [0, 1, 3]], **cutout)
+
+    def beside_programs(self):
+        info = self.renderer.info
+        return info["live_objects"] - info["programs_compiled"]
+
+    def added_by(self, scene):
+        before = self.beside_programs()
+        self.draw(scene)
+        return self.beside_programs() - before
 
     def draw(self, scene):
         self.renderer.render(
@@ -107,9 +118,9 @@ class _Idle:
     def unowned_objects(self):
         """OpenGL objects that neither a living scene nor a program accounts for."""
         self.draw(self.scene)
-        info = self.renderer.info
-        scenes = self.objects_per_scene * len(self.renderer._scenes)
-        return info["live_objects"] - scenes - info["programs_compiled"]
+        living = [reference() for reference, _ in list(self.renderer._scenes.values())]
+        scenes = sum(self.objects[has_cutout(scene)] for scene in living if scene is not None)
+        return self.beside_programs() - scenes
 
 
 def _complaints(renderer):

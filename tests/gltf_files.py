@@ -1,9 +1,11 @@
 """Small glTF files for tests, written from the specification and by nothing of csm."""
 
+import io
 import json
 import struct
 
 import numpy as np
+from PIL import Image
 
 TYPES = {(): "SCALAR", (2,): "VEC2", (3,): "VEC3", (4,): "VEC4", (4, 4): "MAT4"}
 COMPONENTS = {"int8": 5120, "uint8": 5121, "int16": 5122, "uint16": 5123, "uint32": 5125}
@@ -44,6 +46,14 @@ class Builder:
         )
         return len(self.header["accessors"]) - 1
 
+    def blob(self, data):
+        """Append bytes and return the number of their buffer view."""
+        self.data += b"\0" * (-len(self.data) % 4)
+        view = {"buffer": 0, "byteOffset": len(self.data), "byteLength": len(data)}
+        self.data += data
+        self.header["bufferViews"].append(view)
+        return len(self.header["bufferViews"]) - 1
+
     def mesh(self, positions, triangles=None, name="mesh", **extra):
         """Append a mesh of one primitive and return its number."""
         primitive = {"attributes": {"POSITION": self.accessor(positions)}, **extra}
@@ -78,6 +88,40 @@ class Builder:
             chunks += struct.pack("<II", len(data), 0x004E4942) + data
         path.write_bytes(struct.pack("<4sII", b"glTF", 2, 12 + len(chunks)) + chunks)
         return path
+
+
+def png(alpha, mode="RGBA"):
+    """A PNG file whose alpha is the (h, w) uint8 array; its colours are noise."""
+    alpha = np.asarray(alpha, np.uint8)
+    noise = np.random.default_rng(1).integers(0, 256, (*alpha.shape, len(mode) - 1), np.uint8)
+    out = io.BytesIO()
+    Image.fromarray(np.dstack([noise, alpha]), mode).save(out, "PNG")
+    return out.getvalue()
+
+
+def cut_out_square(alpha, uv=((0, 0), (0, 1), (1, 1), (1, 0)), **material):
+    """A file with a level square of side 2 at height 1 under a MASK material with an image.
+
+    u goes along x, v along z, as in `cutout_scenes.level`.
+    """
+    builder = Builder()
+    corners = np.array([[-1, 1, -1], [-1, 1, 1], [1, 1, 1], [1, 1, -1]], np.float32)
+    mesh = builder.mesh(corners, np.array([[0, 1, 2], [0, 2, 3]], np.uint16), material=0)
+    attributes = builder.header["meshes"][mesh]["primitives"][0]["attributes"]
+    attributes["TEXCOORD_0"] = builder.accessor(np.asarray(uv, np.float32))
+    builder.node(mesh=mesh, name="square")
+    builder.header.update(
+        materials=[
+            {
+                "alphaMode": "MASK",
+                "pbrMetallicRoughness": {"baseColorTexture": {"index": 0}},
+                **material,
+            }
+        ],
+        textures=[{"source": 0}],
+        images=[{"bufferView": builder.blob(png(alpha)), "mimeType": "image/png"}],
+    )
+    return builder
 
 
 TRIANGLE = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0]], np.float32)

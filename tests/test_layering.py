@@ -175,14 +175,14 @@ def test_two_shaders_choose_the_filter():
 
 # Each module may import those before it, never one after it: the order of the data.
 ORDER = [
-    "errors", "spaces", "camera", "sun", "mesh", "instances", "elevation", "scene", "shapes",
-    "plants", "streets", "landscapes", "scenes", "gltf", "animation", "loading", "settings",
-    "splits", "matrices", "cascades", "plans", "frame", "renderer", "embree", "tracing",
-    "footprints", "sampling", "causes", "metrics", "measures", "motion",
-    "checks", "check_files", "sweeps", "recommendation", "director", "export",
-    "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "techniques",
-    "fronts", "report_pictures", "reports", "report_runs", "results",
-    "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli", "__main__",
+    "errors", "spaces", "camera", "sun", "cutouts", "mesh", "instances", "elevation", "scene",
+    "shapes", "plants", "streets", "landscapes", "scenes", "gltf", "materials", "animation",
+    "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "renderer", "embree",
+    "tracing", "footprints", "sampling", "causes", "metrics", "measures", "motion", "checks",
+    "check_files", "sweeps", "recommendation", "director", "export", "pictures", "outlines",
+    "plot_style", "plot_windows", "plot_frames", "plot", "techniques", "fronts",
+    "report_pictures", "reports", "report_runs", "results", "progress", "hard_cases",
+    "pytest_plugin", "viewer", "arguments", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {
     "embree",
@@ -200,6 +200,7 @@ AT_IMPORT = {"pytest_plugin": {"pytest"}}  # loaded by pytest alone
 LAZY = {
     "elevation": {"rasterio"},
     "loading": {"trimesh"},
+    "materials": {"PIL"},
     "landscapes": {"matplotlib"},
     "embree": {"embreex"},
     "pictures": {"matplotlib", "PIL"},

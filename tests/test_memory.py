@@ -51,7 +51,7 @@ def test_failures_keep_no_memory(fresh_renderer, view):
         )
 
     def render(mask, points, normals):
-        return core.render(handle, *fit, 1, {"mask": mask}, points, normals)
+        return core.render(handle, *fit, 1, {"mask": mask}, points, normals, 0.0)
 
     small, flat = np.zeros(3, np.float32), points[:, :2]
     failures = {

@@ -14,6 +14,7 @@ SMALL = {
     "wires": {},
     "stairs": {},
     "long_road": {},
+    "foliage": {},
     "forest": {"trees": 300},
     "town": {},
     "demo": {"trees": 500},
@@ -31,6 +32,8 @@ def fingerprint(scene):
     for mesh in scene.meshes:
         hashed.update(mesh.positions.tobytes())
         hashed.update(mesh.triangles.tobytes())
+        if mesh.alpha is not None:
+            hashed.update(mesh.uv.tobytes() + mesh.alpha.tobytes())
     hashed.update(scene.instance_mesh.tobytes() + scene.world_from_instance.tobytes())
     return hashed.hexdigest()
 

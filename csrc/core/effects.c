@@ -264,6 +264,7 @@ void csm_settings_canonical(csm_settings *settings) {
         plain.effects[CSM_EFFECT_FILTER] = CSM_FILTER_NONE;
         plain.effects[CSM_EFFECT_INSTANCES] = effects[CSM_EFFECT_INSTANCES];
         plain.effects[CSM_EFFECT_STAGE] = effects[CSM_EFFECT_STAGE];
+        plain.effects[CSM_EFFECT_ALPHA_TEST] = effects[CSM_EFFECT_ALPHA_TEST];
         *settings = plain;
         return;
     }

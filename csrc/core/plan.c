@@ -20,8 +20,8 @@ static const struct {
     unsigned outputs; /* CSM_OUT_* that change its code */
 } passes[CSM_STEP_COUNT] = {
     [CSM_STEP_VIEW] = {"view", CSM_PASS_VIEW, 0},
-    [CSM_STEP_RECEIVER_RANGE] = {"receiver_range", CSM_PASS_VIEW, 0},
-    [CSM_STEP_RECEIVER_BOUNDS] = {"receiver_bounds", CSM_PASS_VIEW | CSM_PASS_RECEIVERS, 0},
+    [CSM_STEP_RECEIVER_RANGE] = {"receiver_range", CSM_PASS_IDS, 0},
+    [CSM_STEP_RECEIVER_BOUNDS] = {"receiver_bounds", CSM_PASS_IDS | CSM_PASS_RECEIVERS, 0},
     [CSM_STEP_SHADOW_MAP] = {"shadow_map", CSM_PASS_SHADOW_MAP, 0},
     [CSM_STEP_SHADOW_MOMENTS] = {"shadow_moments", CSM_PASS_SHADOW_MOMENTS, 0},
     [CSM_STEP_SHADOW_BLUR] = {"shadow_blur", CSM_PASS_SHADOW_BLUR, 0},
@@ -121,13 +121,7 @@ size_t csm_program_defines(csm_pass pass, const csm_settings *canonical, unsigne
     return out.length;
 }
 
-static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_settings *canonical) {
-    const bool programmed = pass != CSM_STEP_SHADOW_MIPS;
-    uint64_t key = programmed ? csm_program_key(pass, canonical, plan->outputs) : 0;
-    plan->steps[plan->step_count++] = (csm_plan_step){pass, cascade, key};
-    if (!programmed) {
-        return;
-    }
+static void add_program(csm_plan *plan, csm_pass pass, uint64_t key) {
     for (int i = 0; i < plan->program_count; i++) {
         if (plan->program_keys[i] == key) {
             return;
@@ -135,6 +129,22 @@ static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_setti
     }
     plan->program_passes[plan->program_count] = pass;
     plan->program_keys[plan->program_count++] = key;
+}
+
+static void add_step(csm_plan *plan, csm_pass pass, int cascade, const csm_settings *canonical) {
+    const bool programmed = pass != CSM_STEP_SHADOW_MIPS;
+    uint64_t key = programmed ? csm_program_key(pass, canonical, plan->outputs) : 0;
+    plan->steps[plan->step_count++] = (csm_plan_step){pass, cascade, key};
+    if (!programmed) {
+        return;
+    }
+    add_program(plan, pass, key);
+    if (seen(pass, canonical, CSM_EFFECT_ALPHA_TEST)) {
+        /* what has no cut-out is drawn by the program of scenes without one */
+        csm_settings solid = *canonical;
+        solid.effects[CSM_EFFECT_ALPHA_TEST] = 0;
+        add_program(plan, pass, csm_program_key(pass, &solid, plan->outputs));
+    }
 }
 
 static csm_plan_texture *add_texture(csm_plan *plan, const char *name, const char *format,

@@ -6,7 +6,7 @@
  * the GPU rasterises and what the ray-traced truth must round alike (positions minus the scene's
  * origin).
  */
-#include "csm.h"
+#include "cutouts.h"
 
 #include <float.h>
 #include <math.h>
@@ -33,10 +33,13 @@ typedef struct mesh_use {
 typedef struct scene_build {
     const csm_scene_desc *desc;
     mesh_use *uses;         /* one per mesh */
+    int *mesh_order;        /* meshes as they are written: those with a cut-out last */
+    size_t *cutout_words;   /* where each mesh's image begins */
     int32_t *order;         /* instances, grouped by mesh */
     int32_t *row;           /* row of csm_geometry.instances, one per instance */
     sort_key *keys;         /* triangles of the mesh at hand */
     uint32_t *vertex_place; /* where its vertices went, UINT32_MAX: nowhere yet */
+    csm_cutout_writer cutouts;
     csm_geometry *out;
     bool boxes_alone;   /* chunks and their boxes, nothing to draw */
     size_t chunk, item; /* written so far */
@@ -79,7 +82,7 @@ static csm_status check_mesh(const csm_mesh_view *mesh, int number, csm_error *e
                             mesh->vertex_count, (int)mesh->triangles[i]);
         }
     }
-    return CSM_OK;
+    return csm_cutout_check(mesh, number, err);
 }
 
 static csm_status check_scene(const csm_scene_desc *desc, csm_error *err) {
@@ -191,7 +194,8 @@ static void plane_of(const float *a, const float *b, const float *c, float out[4
 }
 
 /* Position relative to the scene's origin, or to the mesh's pivot if it is stored once for many. */
-static void write_vertex(const scene_build *build, int mesh_number, int32_t vertex, float out[3]) {
+static void write_vertex(const scene_build *build, int mesh_number, int32_t vertex, size_t place) {
+    float *out = build->out->positions + 3 * place;
     const mesh_use *use = &build->uses[mesh_number];
     const double *local = build->desc->meshes[mesh_number].positions + 3 * (size_t)vertex;
     double p[3];
@@ -204,6 +208,10 @@ static void write_vertex(const scene_build *build, int mesh_number, int32_t vert
     const double *base = use->count == 1 ? build->desc->origin : use->pivot;
     for (int axis = 0; axis < 3; axis++) {
         out[axis] = (float)(p[axis] - base[axis]);
+    }
+    if (build->out->cutout_vertices) {
+        csm_cutout_write_vertex(&build->cutouts, &build->desc->meshes[mesh_number], vertex,
+                                &build->out->cutout_vertices[place]);
     }
 }
 
@@ -291,7 +299,9 @@ static csm_status allocate(const scene_build *build, csm_error *err) {
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu triangles",
                         out->triangle_count);
     }
-    return CSM_OK;
+    return build->boxes_alone
+               ? CSM_OK
+               : csm_cutouts_make(build->desc, vertices, build->cutout_words, out, err);
 }
 
 /* Vertices and indices of one mesh. Vertex t is the last corner of triangle t and of no other, so
@@ -311,7 +321,7 @@ static void write_triangles(scene_build *build, int mesh_number) {
         if (build->vertex_place[corners[2]] == UINT32_MAX) {
             build->vertex_place[corners[2]] = place;
         }
-        write_vertex(build, mesh_number, corners[2], out->positions + 3 * (size_t)place);
+        write_vertex(build, mesh_number, corners[2], place);
         out->indices[3 * (size_t)place] = (uint32_t)corners[0];
         out->indices[3 * (size_t)place + 1] = (uint32_t)corners[1];
         out->indices[3 * (size_t)place + 2] = place;
@@ -322,8 +332,7 @@ static void write_triangles(scene_build *build, int mesh_number) {
             uint32_t *place = &build->vertex_place[indices[corner]];
             if (*place == UINT32_MAX) {
                 *place = (uint32_t)out->vertex_count++;
-                write_vertex(build, mesh_number, (int32_t)indices[corner],
-                             out->positions + 3 * (size_t)*place);
+                write_vertex(build, mesh_number, (int32_t)indices[corner], *place);
             }
             indices[corner] = *place;
         }
@@ -358,6 +367,17 @@ static void write_chunks(scene_build *build, int mesh_number) {
     out->drawn_triangle_count += mesh->triangle_count * (size_t)use->count;
 }
 
+static void order_meshes(const scene_build *build) {
+    int place = 0;
+    for (int with_cutout = 0; with_cutout < 2; with_cutout++) {
+        for (int m = 0; m < build->desc->mesh_count; m++) {
+            if ((build->desc->meshes[m].cutout != NULL) == with_cutout) {
+                build->mesh_order[place++] = m;
+            }
+        }
+    }
+}
+
 /* Who uses which mesh, and where each mesh's vertices, triangles and instances begin. */
 static void count_uses(const scene_build *build) {
     const csm_scene_desc *desc = build->desc;
@@ -366,7 +386,8 @@ static void count_uses(const scene_build *build) {
     for (int i = 0; i < desc->instance_count; i++) {
         build->uses[desc->instance_mesh[i]].count++;
     }
-    for (int m = 0; m < desc->mesh_count; m++) {
+    for (int i = 0; i < desc->mesh_count; i++) {
+        const int m = build->mesh_order[i];
         mesh_use *use = &build->uses[m];
         double bounds[6];
         use->first_triangle = triangle;
@@ -404,15 +425,19 @@ static csm_status build_scene(const csm_scene_desc *desc, bool boxes_alone, csm_
         .out = out,
         .boxes_alone = boxes_alone,
         .uses = calloc((size_t)desc->mesh_count, sizeof *build.uses),
+        .mesh_order = malloc((size_t)desc->mesh_count * sizeof *build.mesh_order),
+        .cutout_words = malloc((size_t)desc->mesh_count * sizeof *build.cutout_words),
         .order = malloc((size_t)desc->instance_count * sizeof *build.order),
         .row = malloc((size_t)desc->instance_count * sizeof *build.row),
         .keys = malloc(largest * sizeof *build.keys),
         .vertex_place = malloc(most_vertices * sizeof *build.vertex_place),
     };
-    if (!build.uses || !build.order || !build.row || !build.keys || !build.vertex_place) {
+    if (!build.uses || !build.mesh_order || !build.cutout_words || !build.order || !build.row ||
+        !build.keys || !build.vertex_place) {
         status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to sort %zu triangles", largest);
         goto done;
     }
+    order_meshes(&build);
     count_uses(&build);
     status = allocate(&build, err);
     if (status != CSM_OK) {
@@ -421,17 +446,22 @@ static csm_status build_scene(const csm_scene_desc *desc, bool boxes_alone, csm_
     if (!boxes_alone) {
         write_instances(&build);
     }
-    for (int m = 0; m < desc->mesh_count; m++) {
+    for (int i = 0; i < desc->mesh_count; i++) {
+        const int m = build.mesh_order[i];
         if (build.uses[m].count) {
             sort_triangles(&desc->meshes[m], build.keys);
             if (!boxes_alone) {
+                build.cutouts = csm_cutout_writer_of(&desc->meshes[m], build.cutout_words[m]);
                 write_triangles(&build, m);
             }
             write_chunks(&build, m);
         }
+        out->cutout_chunk = desc->meshes[m].cutout ? out->cutout_chunk : build.chunk;
     }
 done:
     free(build.uses);
+    free(build.mesh_order);
+    free(build.cutout_words);
     free(build.order);
     free(build.row);
     free(build.keys);
@@ -455,6 +485,8 @@ void csm_geometry_destroy(csm_geometry *geometry) {
     free(geometry->indices);
     free(geometry->planes);
     free(geometry->instances);
+    free(geometry->cutout_vertices);
+    free(geometry->cutouts);
     free(geometry->chunks);
     free(geometry->items);
     memset(geometry, 0, sizeof *geometry);

@@ -148,6 +148,7 @@ struct csm_gpu_scene {
     csm_geometry geometry; /* chunks and items for culling; vertex arrays are freed after upload */
     double origin[3];
     GLuint positions, indices, planes, instances, vertex_array;
+    GLuint cutout_vertices, cutouts, cutout_texture; /* 0 unless a mesh has a cut-out */
     GLuint plane_texture; /* planes as a buffer texture: half the cost of a storage buffer on
                              software */
     uint64_t bytes;
@@ -159,6 +160,7 @@ struct csm_gpu_scene {
 typedef struct csm_draw_list {
     GLuint commands, instances;
     GLsizei command_count;
+    GLsizei solid_count;                    /* commands before the first of a mesh with a cut-out */
     struct csm_draw_command *host_commands; /* the same, to cut batches by */
     int item_count;
     int64_t triangle_count;
@@ -262,6 +264,9 @@ csm_status csm_debug_check(csm_renderer *renderer, const char *pass, csm_error *
 
 /* program.c: *out_name is the linked program of a pass, compiled on first use. */
 csm_status csm_program_get(csm_frame *frame, csm_pass pass, GLuint *out_name, csm_error *err);
+/* The same for a pass that draws triangles: of meshes without a cut-out, then with. */
+csm_status csm_program_get_drawing(csm_frame *frame, csm_pass pass, GLuint out_names[2],
+                                   csm_error *err);
 void csm_programs_drop(csm_renderer *renderer);
 
 /* target.c */
@@ -280,7 +285,8 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
 void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene);
 csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene,
                               const uint32_t *items, size_t item_count, csm_error *err);
-csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, csm_error *err);
+csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene,
+                                const GLuint programs[2], csm_error *err);
 void csm_draw_list_drop(csm_renderer *renderer);
 
 /* uniforms.c */

@@ -2,7 +2,8 @@
  *
  * One indirect call draws everything a pass needs. The instance's number is an attribute that steps
  * once per instance, picked by baseInstance; a scene without instances has no such attribute.
- * Triangle t ends in vertex t, so gl_VertexID of the provoking vertex is the triangle.
+ * Meshes with a cut-out come last and are drawn by a program of their own. Triangle t ends in
+ * vertex t, so gl_VertexID of the provoking vertex is the triangle.
  */
 #include "gl_internal.h"
 
@@ -18,8 +19,10 @@ typedef struct csm_draw_command {
 /* Longest merged command, so that batches can be cut between commands. */
 #define COMMAND_INDICES (3u << 18)
 
-enum { ATTRIBUTE_POSITION, ATTRIBUTE_INSTANCE };
-enum { BINDING_POSITION, BINDING_INSTANCE };
+enum { ATTRIBUTE_POSITION, ATTRIBUTE_INSTANCE, ATTRIBUTE_TEXELS, ATTRIBUTE_CUTOUT };
+enum { BINDING_POSITION, BINDING_INSTANCE, BINDING_CUTOUT };
+
+#define UNIT_CUTOUTS 7 /* of include/cutout.glsl */
 
 static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene) {
     const GladGLContext *gl = &renderer->gl;
@@ -38,6 +41,19 @@ static void make_vertex_array(csm_renderer *renderer, csm_gpu_scene *scene) {
         gl->VertexArrayAttribBinding(scene->vertex_array, ATTRIBUTE_INSTANCE, BINDING_INSTANCE);
         gl->VertexArrayBindingDivisor(scene->vertex_array, BINDING_INSTANCE, 1);
     }
+    if (scene->cutout_vertices) {
+        const GLuint array = scene->vertex_array;
+        gl->VertexArrayVertexBuffer(array, BINDING_CUTOUT, scene->cutout_vertices, 0,
+                                    sizeof(csm_cutout_vertex));
+        gl->EnableVertexArrayAttrib(array, ATTRIBUTE_TEXELS);
+        gl->VertexArrayAttribFormat(array, ATTRIBUTE_TEXELS, 2, GL_FLOAT, GL_FALSE,
+                                    offsetof(csm_cutout_vertex, texels));
+        gl->VertexArrayAttribBinding(array, ATTRIBUTE_TEXELS, BINDING_CUTOUT);
+        gl->EnableVertexArrayAttrib(array, ATTRIBUTE_CUTOUT);
+        gl->VertexArrayAttribIFormat(array, ATTRIBUTE_CUTOUT, 2, GL_UNSIGNED_INT,
+                                     offsetof(csm_cutout_vertex, first));
+        gl->VertexArrayAttribBinding(array, ATTRIBUTE_CUTOUT, BINDING_CUTOUT);
+    }
     csm_debug_label(renderer, GL_VERTEX_ARRAY, scene->vertex_array, "scene");
 }
 
@@ -47,7 +63,8 @@ static csm_status keep_for_culling(const csm_geometry *geometry, csm_gpu_scene *
     csm_geometry *kept = &scene->geometry;
     *kept = *geometry;
     kept->positions = kept->planes = kept->instances = NULL;
-    kept->indices = NULL;
+    kept->indices = kept->cutouts = NULL;
+    kept->cutout_vertices = NULL;
     kept->chunks = malloc(geometry->chunk_count * sizeof *kept->chunks);
     kept->items = malloc(geometry->item_count * sizeof *kept->items);
     if (!kept->chunks || !kept->items) {
@@ -59,8 +76,16 @@ static csm_status keep_for_culling(const csm_geometry *geometry, csm_gpu_scene *
     return CSM_OK;
 }
 
-csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geometry,
-                              const double origin[3], csm_gpu_scene **out, csm_error *err) {
+static GLuint make_buffer_texture(csm_renderer *renderer, GLenum format, GLuint buffer) {
+    GLuint texture;
+    renderer->gl.CreateTextures(GL_TEXTURE_BUFFER, 1, &texture);
+    renderer->gl.TextureBuffer(texture, format, buffer);
+    renderer->info.live_objects++;
+    return texture;
+}
+
+static csm_status check_limits(csm_renderer *renderer, const csm_geometry *geometry,
+                               csm_error *err) {
     GLint most = 0;
     renderer->gl.GetIntegerv(GL_MAX_TEXTURE_BUFFER_SIZE, &most);
     if (geometry->triangle_count > (size_t)most) {
@@ -76,11 +101,25 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
                         geometry->instance_count, (long long)instance_bytes,
                         (long long)renderer->info.max_buffer_bytes);
     }
+    if (geometry->cutout_word_count > (size_t)most) {
+        return csm_fail(err, CSM_ERROR_LIMIT,
+                        "cut-outs of %zu words of 32 texels exceed GL_MAX_TEXTURE_BUFFER_SIZE %d",
+                        geometry->cutout_word_count, most);
+    }
+    return CSM_OK;
+}
+
+csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geometry,
+                              const double origin[3], csm_gpu_scene **out, csm_error *err) {
+    csm_status status = check_limits(renderer, geometry, err);
+    if (status != CSM_OK) {
+        return status;
+    }
     csm_gpu_scene *scene = calloc(1, sizeof *scene);
     if (!scene) {
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for a scene");
     }
-    csm_status status = keep_for_culling(geometry, scene, err);
+    status = keep_for_culling(geometry, scene, err);
     if (status == CSM_OK) {
         const struct {
             GLuint *name;
@@ -96,16 +135,22 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
              geometry->planes},
             {&scene->instances, "instances", (size_t)geometry->instance_count * 12 * sizeof(float),
              geometry->instances},
+            {&scene->cutout_vertices, "cut-out vertices",
+             geometry->vertex_count * sizeof *geometry->cutout_vertices, geometry->cutout_vertices},
+            {&scene->cutouts, "cut-outs", geometry->cutout_word_count * sizeof *geometry->cutouts,
+             geometry->cutouts},
         };
-        for (size_t i = 0; i < sizeof buffers / sizeof *buffers; i++) {
+        const size_t kinds = sizeof buffers / sizeof *buffers;
+        for (size_t i = 0; i < (geometry->cutouts ? kinds : kinds - 2); i++) {
             *buffers[i].name = csm_buffer_make(renderer, buffers[i].label,
                                                (GLsizeiptr)buffers[i].bytes, buffers[i].data, 0);
             scene->bytes += buffers[i].bytes;
         }
         memcpy(scene->origin, origin, sizeof scene->origin);
-        renderer->gl.CreateTextures(GL_TEXTURE_BUFFER, 1, &scene->plane_texture);
-        renderer->gl.TextureBuffer(scene->plane_texture, GL_RGBA32F, scene->planes);
-        renderer->info.live_objects++;
+        scene->plane_texture = make_buffer_texture(renderer, GL_RGBA32F, scene->planes);
+        if (scene->cutouts) {
+            scene->cutout_texture = make_buffer_texture(renderer, GL_R32UI, scene->cutouts);
+        }
         make_vertex_array(renderer, scene);
         status = csm_debug_check(renderer, "upload", err);
     }
@@ -126,14 +171,19 @@ void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene) {
             break;
         }
     }
-    if (scene->plane_texture) {
-        renderer->gl.DeleteTextures(1, &scene->plane_texture);
-        renderer->info.live_objects--;
+    GLuint *const textures[] = {&scene->plane_texture, &scene->cutout_texture};
+    for (size_t i = 0; i < sizeof textures / sizeof *textures; i++) {
+        if (*textures[i]) {
+            renderer->gl.DeleteTextures(1, textures[i]);
+            renderer->info.live_objects--;
+        }
     }
     csm_buffer_drop(renderer, &scene->positions);
     csm_buffer_drop(renderer, &scene->indices);
     csm_buffer_drop(renderer, &scene->planes);
     csm_buffer_drop(renderer, &scene->instances);
+    csm_buffer_drop(renderer, &scene->cutout_vertices);
+    csm_buffer_drop(renderer, &scene->cutouts);
     if (scene->vertex_array) {
         renderer->gl.DeleteVertexArrays(1, &scene->vertex_array);
         renderer->info.live_objects--;
@@ -154,6 +204,8 @@ static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_
         const csm_chunk *chunk = &geometry->chunks[item->chunk];
         draw_command *last = list->command_count ? &commands[list->command_count - 1] : NULL;
         bool baked = item->instance == 0;
+        bool solid = item->chunk < geometry->cutout_chunk;
+        last = solid || list->solid_count < list->command_count ? last : NULL;
         list->triangle_count += chunk->triangle_count;
         if (last && !baked && item->chunk == last_chunk &&
             last->instance_count < COMMAND_INDICES / last->index_count) {
@@ -167,6 +219,7 @@ static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_
                 3 * chunk->triangle_count, 1, 3 * chunk->first_triangle, 0, instance_count};
             instances[instance_count++] = item->instance;
         }
+        list->solid_count = solid ? list->command_count : list->solid_count;
         last_chunk = item->chunk;
         last_baked = baked;
     }
@@ -205,7 +258,8 @@ csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene
     return status;
 }
 
-csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, csm_error *err) {
+csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene,
+                                const GLuint programs[2], csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     csm_draw_list *list = &renderer->draws;
@@ -216,17 +270,23 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene, cs
     gl->BindVertexArray(scene->vertex_array);
     gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, list->commands);
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, scene->instances);
+    if (scene->cutout_texture) {
+        gl->BindTextureUnit(UNIT_CUTOUTS, scene->cutout_texture);
+    }
     GLsizei first = 0;
     while (first < list->command_count) {
+        const bool solid = first < list->solid_count;
+        const GLsizei last = solid ? list->solid_count : list->command_count;
         GLsizei count = 0;
         int64_t triangles = 0;
-        while (first + count < list->command_count && triangles < BATCH_TRIANGLES) {
+        while (first + count < last && triangles < BATCH_TRIANGLES) {
             const draw_command *command = &list->host_commands[first + count++];
             triangles += (int64_t)command->instance_count * command->index_count / 3;
         }
         if (first > 0 && csm_frame_stopped_after_finish(frame)) {
             return csm_interrupted(err);
         }
+        gl->UseProgram(programs[solid ? 0 : 1]);
         gl->MultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT,
                                       (const char *)NULL + (size_t)first * sizeof(draw_command),
                                       count, 0);

@@ -34,9 +34,9 @@ static void clear_outputs(csm_frame *frame) {
 csm_status csm_pass_shadow_forward(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    GLuint program;
+    GLuint programs[2]; /* the same: where a triangle is cut out the view saw another */
     int items;
-    csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_FORWARD, &program, err);
+    csm_status status = csm_program_get_drawing(frame, CSM_STEP_SHADOW_FORWARD, programs, err);
     if (status == CSM_OK) {
         status = csm_mask_bind_outputs(frame, err);
     }
@@ -54,9 +54,8 @@ csm_status csm_pass_shadow_forward(csm_frame *frame, csm_error *err) {
     csm_no_attachment(frame);
     gl->Disable(GL_DEPTH_CLAMP);
     gl->Disable(GL_DEPTH_TEST);
-    gl->UseProgram(program);
     if (renderer->draws.command_count) {
-        status = csm_draw_list_submit(frame, frame->desc->scene, err);
+        status = csm_draw_list_submit(frame, frame->desc->scene, programs, err);
     }
     gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
     csm_timer_stop(renderer, frame->out, "shadow_forward");

@@ -146,9 +146,9 @@ static void clear_borders(csm_frame *frame) {
 csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    GLuint program;
+    GLuint programs[2];
 
-    csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_MAP, &program, err);
+    csm_status status = csm_program_get_drawing(frame, CSM_STEP_SHADOW_MAP, programs, err);
     if (status == CSM_OK) {
         status = fill_draw_list(frame, cascade, err);
     }
@@ -161,13 +161,14 @@ csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
     }
     const csm_place place = attach_target(frame, cascade);
     set_state(frame, &place);
-    gl->UseProgram(program);
-    gl->Uniform1i(0, cascade);
-    if (frame->settings.effects[CSM_EFFECT_WARPED]) {
-        gl->Uniform1i(1, place.y);
+    for (int i = 0; i < 2; i++) {
+        gl->ProgramUniform1i(programs[i], 0, cascade);
+        if (frame->settings.effects[CSM_EFFECT_WARPED]) {
+            gl->ProgramUniform1i(programs[i], 1, place.y);
+        }
     }
     if (renderer->draws.command_count) {
-        status = csm_draw_list_submit(frame, frame->desc->scene, err);
+        status = csm_draw_list_submit(frame, frame->desc->scene, programs, err);
     }
     gl->Disable(GL_SCISSOR_TEST);
     gl->Disable(GL_CULL_FACE);

@@ -28,9 +28,9 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     const csm_camera *camera = &frame->desc->camera;
     const GLuint nothing[4] = {0xffffffffu, 0xffffffffu};
     const float farthest = 0.0f;
-    GLuint program;
+    GLuint programs[2];
 
-    csm_status status = csm_program_get(frame, CSM_STEP_VIEW, &program, err);
+    csm_status status = csm_program_get_drawing(frame, CSM_STEP_VIEW, programs, err);
     if (status == CSM_OK) {
         status = csm_view_draws_fill(frame, &frame->out->view_items_drawn, err);
     }
@@ -50,9 +50,8 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     gl->DepthFunc(GL_GREATER);
     gl->ClearNamedFramebufferuiv(framebuffer, GL_COLOR, 0, nothing);
     gl->ClearNamedFramebufferfv(framebuffer, GL_DEPTH, 0, &farthest);
-    gl->UseProgram(program);
     if (renderer->draws.command_count) {
-        status = csm_draw_list_submit(frame, scene, err);
+        status = csm_draw_list_submit(frame, scene, programs, err);
     }
     csm_timer_stop(renderer, frame->out, "view");
     return status;

@@ -50,10 +50,11 @@ static const pass_file *files_of(const csm_frame *frame, csm_pass pass) {
                                                            : &pass_files[pass];
 }
 
-/* The rasteriser's own depth serves every map that is not warped. */
+/* The rasteriser's own depth serves every map that is not warped and of solid casters. */
 static int stage_count(const csm_frame *frame, csm_pass pass) {
-    const bool own_depth =
-        pass == CSM_STEP_SHADOW_MAP && !frame->settings.effects[CSM_EFFECT_WARPED];
+    const int *effects = frame->settings.effects;
+    const bool own_depth = pass == CSM_STEP_SHADOW_MAP && !effects[CSM_EFFECT_WARPED] &&
+                           !effects[CSM_EFFECT_ALPHA_TEST];
     return files_of(frame, pass)->stage_files[1] && !own_depth ? 2 : 1;
 }
 
@@ -197,6 +198,19 @@ csm_status csm_program_get(csm_frame *frame, csm_pass pass, GLuint *out_name, cs
         renderer->info.programs_compiled++;
         renderer->info.live_objects++;
         frame->out->programs_compiled++;
+    }
+    return status;
+}
+
+csm_status csm_program_get_drawing(csm_frame *frame, csm_pass pass, GLuint out_names[2],
+                                   csm_error *err) {
+    csm_status status = csm_program_get(frame, pass, &out_names[1], err);
+    out_names[0] = out_names[1];
+    int *tested = &frame->settings.effects[CSM_EFFECT_ALPHA_TEST];
+    if (status == CSM_OK && *tested) {
+        *tested = 0;
+        status = csm_program_get(frame, pass, &out_names[0], err);
+        *tested = 1;
     }
     return status;
 }

@@ -494,6 +494,7 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
     if (status == CSM_OK) {
         frame.settings.effects[CSM_EFFECT_INSTANCES] = desc->scene->geometry.instance_count > 1;
         frame.settings.effects[CSM_EFFECT_STAGE] = renderer->info.stage;
+        frame.settings.effects[CSM_EFFECT_ALPHA_TEST] = desc->scene->cutout_texture != 0;
         csm_settings_canonical(&frame.settings);
         status = csm_plan_make(&frame.settings, desc->camera.width, desc->camera.height,
                                desc->outputs, &frame.plan, err);

@@ -94,7 +94,7 @@ extern PyMethodDef csm_py_coverage_methods[];
 typedef struct csm_py_scene {
     csm_scene_desc desc;
     csm_mesh_view *views;
-    PyArrayObject **arrays; /* two per mesh, held while C reads them */
+    PyArrayObject **arrays; /* four per mesh, some NULL, held while C reads them */
     PyArrayObject *instance_mesh;
     double *transforms;
 } csm_py_scene;

@@ -7,8 +7,10 @@
 
 #include <string.h>
 
+#define ARRAYS 4 /* of a mesh, at most */
+
 void csm_py_release_scene(csm_py_scene *scene) {
-    for (int i = 0; scene->arrays && i < 2 * scene->desc.mesh_count; i++) {
+    for (int i = 0; scene->arrays && i < ARRAYS * scene->desc.mesh_count; i++) {
         Py_XDECREF(scene->arrays[i]);
     }
     Py_XDECREF(scene->instance_mesh);
@@ -17,29 +19,64 @@ void csm_py_release_scene(csm_py_scene *scene) {
     PyMem_Free(scene->transforms);
 }
 
+static int parse_cutout(PyObject *uv, PyObject *cutout, PyArrayObject **arrays,
+                        csm_mesh_view *view) {
+    arrays[0] = csm_py_rows(uv, "uv", NPY_DOUBLE, 2);
+    arrays[1] = arrays[0]
+                    ? (PyArrayObject *)PyArray_FROMANY(cutout, NPY_BOOL, 2, 2, NPY_ARRAY_CARRAY_RO)
+                    : NULL;
+    if (!arrays[1]) {
+        return -1;
+    }
+    if ((size_t)PyArray_DIM(arrays[0], 0) != view->vertex_count) {
+        PyErr_SetString(PyExc_ValueError, "uv and positions must have the same length");
+        return -1;
+    }
+    if (PyArray_DIM(arrays[1], 0) > CSM_MAX_CUTOUT || PyArray_DIM(arrays[1], 1) > CSM_MAX_CUTOUT) {
+        PyErr_Format(PyExc_ValueError, "a cut-out may have %d x %d texels (got %zd x %zd)",
+                     CSM_MAX_CUTOUT, CSM_MAX_CUTOUT, (Py_ssize_t)PyArray_DIM(arrays[1], 1),
+                     (Py_ssize_t)PyArray_DIM(arrays[1], 0));
+        return -1;
+    }
+    view->uv = PyArray_DATA(arrays[0]);
+    view->cutout = PyArray_DATA(arrays[1]);
+    view->cutout_height = (int)PyArray_DIM(arrays[1], 0);
+    view->cutout_width = (int)PyArray_DIM(arrays[1], 1);
+    return 0;
+}
+
+/* (positions, triangles), or with (uv, cutout) behind them. */
+static int parse_mesh(PyObject *mesh, PyArrayObject **arrays, csm_mesh_view *view) {
+    PyObject *positions, *triangles, *uv = NULL, *cutout = NULL;
+    if (!PyArg_ParseTuple(mesh, "OO|OO", &positions, &triangles, &uv, &cutout)) {
+        return -1;
+    }
+    arrays[0] = csm_py_rows(positions, "positions", NPY_DOUBLE, 3);
+    arrays[1] = csm_py_rows(triangles, "triangles", NPY_INT32, 3);
+    if (!arrays[0] || !arrays[1]) {
+        return -1;
+    }
+    *view = (csm_mesh_view){.positions = PyArray_DATA(arrays[0]),
+                            .vertex_count = (size_t)PyArray_DIM(arrays[0], 0),
+                            .triangles = PyArray_DATA(arrays[1]),
+                            .triangle_count = (size_t)PyArray_DIM(arrays[1], 0)};
+    return cutout ? parse_cutout(uv, cutout, arrays + 2, view) : 0;
+}
+
 static int parse_meshes(PyObject *meshes, csm_py_scene *scene) {
     Py_ssize_t count = PyTuple_GET_SIZE(meshes);
     scene->views = PyMem_Calloc((size_t)count + 1, sizeof *scene->views);
-    scene->arrays = PyMem_Calloc(2 * (size_t)count + 1, sizeof(PyArrayObject *));
+    scene->arrays = PyMem_Calloc(ARRAYS * (size_t)count + 1, sizeof(PyArrayObject *));
     if (!scene->views || !scene->arrays) {
         PyErr_NoMemory();
         return -1;
     }
     scene->desc.mesh_count = (int)count;
     for (Py_ssize_t i = 0; i < count; i++) {
-        PyObject *positions, *triangles;
-        if (!PyArg_ParseTuple(PyTuple_GET_ITEM(meshes, i), "OO", &positions, &triangles)) {
+        if (parse_mesh(PyTuple_GET_ITEM(meshes, i), scene->arrays + ARRAYS * i, &scene->views[i]) <
+            0) {
             return -1;
         }
-        scene->arrays[2 * i] = csm_py_rows(positions, "positions", NPY_DOUBLE, 3);
-        scene->arrays[2 * i + 1] = csm_py_rows(triangles, "triangles", NPY_INT32, 3);
-        if (!scene->arrays[2 * i] || !scene->arrays[2 * i + 1]) {
-            return -1;
-        }
-        scene->views[i] = (csm_mesh_view){PyArray_DATA(scene->arrays[2 * i]),
-                                          (size_t)PyArray_DIM(scene->arrays[2 * i], 0),
-                                          PyArray_DATA(scene->arrays[2 * i + 1]),
-                                          (size_t)PyArray_DIM(scene->arrays[2 * i + 1], 0)};
     }
     scene->desc.meshes = scene->views;
     return 0;

@@ -327,28 +327,32 @@ static PyObject *plan_lists(const csm_plan *plan) {
     return Py_BuildValue("(NNNK)", steps, textures, programs, (unsigned long long)plan->bytes);
 }
 
-PyDoc_STRVAR(plan_doc, "plan(settings, width, height, outputs, instanced=False)\n--\n\n"
+PyDoc_STRVAR(plan_doc, "plan(settings, width, height, outputs, instanced=False, "
+                       "alpha_tested=False)\n--\n\n"
                        "(steps, textures, programs, bytes) of a frame; outputs is a bit set.");
 
 static PyObject *plan(PyObject *module, PyObject *args) {
     PyObject *object;
-    int width, height, instanced = 0;
+    int width, height, instanced = 0, alpha_tested = 0;
     unsigned outputs;
     csm_settings settings;
     csm_plan made;
     csm_error err = {0};
-    if (!PyArg_ParseTuple(args, "OiiI|p:plan", &object, &width, &height, &outputs, &instanced) ||
+    if (!PyArg_ParseTuple(args, "OiiI|pp:plan", &object, &width, &height, &outputs, &instanced,
+                          &alpha_tested) ||
         parse_valid(module, object, &settings) < 0) {
         return NULL;
     }
     settings.effects[CSM_EFFECT_INSTANCES] = instanced;
+    settings.effects[CSM_EFFECT_ALPHA_TEST] = alpha_tested;
     if (csm_plan_make(&settings, width, height, outputs, &made, &err) != CSM_OK) {
         return csm_py_raise(module, &err);
     }
     return plan_lists(&made);
 }
 
-PyDoc_STRVAR(program_defines_doc, "program_defines(pass_name, settings, outputs, instanced=False)\n"
+PyDoc_STRVAR(program_defines_doc, "program_defines(pass_name, settings, outputs, instanced=False, "
+                                  "alpha_tested=False)\n"
                                   "--\n\n"
                                   "The #define lines a pass is compiled with.");
 
@@ -356,15 +360,16 @@ static PyObject *program_defines(PyObject *module, PyObject *args) {
     const char *pass_name;
     PyObject *object;
     unsigned outputs;
-    int instanced = 0;
+    int instanced = 0, alpha_tested = 0;
     csm_settings settings;
     char text[16384];
-    if (!PyArg_ParseTuple(args, "sOI|p:program_defines", &pass_name, &object, &outputs,
-                          &instanced) ||
+    if (!PyArg_ParseTuple(args, "sOI|pp:program_defines", &pass_name, &object, &outputs, &instanced,
+                          &alpha_tested) ||
         parse_valid(module, object, &settings) < 0) {
         return NULL;
     }
     settings.effects[CSM_EFFECT_INSTANCES] = instanced;
+    settings.effects[CSM_EFFECT_ALPHA_TEST] = alpha_tested;
     csm_settings_canonical(&settings);
     for (int pass = 0; pass < CSM_STEP_COUNT; pass++) {
         if (!strcmp(csm_pass_name((csm_pass)pass), pass_name)) {
