@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 import scene_files
 from hard_case_records import Recorder, cases_of
