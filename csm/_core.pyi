@@ -131,8 +131,11 @@ class _RendererInfo(TypedDict):
     version: str
     glsl: str
     software: bool
+    stage: str
     max_texture_size: int
+    max_cube_size: int
     max_layers: int
+    max_samples: int
     max_buffer_bytes: int
     programs_compiled: int
     live_objects: int
@@ -287,6 +290,7 @@ class Renderer:
     def __new__(cls, backend: int, debug: bool, shader_folder: str, stage: int = 0) -> Renderer: ...
     def close(self) -> None: ...
     def describe(self) -> _RendererInfo: ...
+    def set_stage(self, stage: int, /) -> None: ...
     def reload(self) -> None: ...
     def messages(self) -> list[tuple[int, str, str]]: ...
     def upload(
