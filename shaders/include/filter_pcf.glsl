@@ -38,8 +38,7 @@ vec4 pcf_depths(map_receiver at, ivec2 corner)
     return map_depths_around(at.cascade, corner);
 #else
     // a kernel over the rim takes the texels at the rim again: the layer may hold more than this map
-    corner = at.size > 1 ? corner : ivec2(0); // of a single texel all are left of and below the first corner
-    ivec2 inner = clamp(corner, ivec2(1), ivec2(max(at.size - 1, 1)));
+    ivec2 inner = clamp(corner, ivec2(1), ivec2(at.size - 1));
     vec4 stored = map_depths_around(at.cascade, inner);
     stored = corner.x < inner.x ? stored.xxww : corner.x > inner.x ? stored.yyzz : stored;
     return corner.y < inner.y ? stored.wzzw : corner.y > inner.y ? stored.xyyx : stored;
