@@ -1,5 +1,6 @@
 // shadow_storage.glsl: depths of the shadow maps, wherever they lie, 0 at the caster side: layers of an array, tiles
 // of an atlas, textures of their own, faces of a cube. Needs frame.glsl. Texels count from the map's lower left corner.
+// choose_map comes before lookups in a map.
 
 // Hardware compares and plain depths are two ways to read one texture. Both come four at a time, never as the hardware's
 // own mean: its weights have few bits and those depend on where in which texture a map lies, so that a tile's neighbour
@@ -28,6 +29,14 @@ vec4 raw_compares(int cascade, ivec2 corner, float z)
 
 #elif CSM_STORAGE == CSM_STORAGE_ATLAS
 
+// Lower left corner of the tile that is looked up: read once, not at every tap.
+ivec2 tile_corner;
+
+void choose_map(int cascade)
+{
+    tile_corner = frame.place[cascade].xy;
+}
+
 layout(binding = 1) uniform sampler2D shadow_maps;
 layout(binding = 2) uniform sampler2DShadow shadow_compare;
 
@@ -35,23 +44,24 @@ vec2 texture_step = 1.0 / vec2(textureSize(shadow_maps, 0));
 
 float raw_depth(int cascade, ivec2 texel)
 {
-    return texelFetch(shadow_maps, frame.place[cascade].xy + texel, 0).r;
+    return texelFetch(shadow_maps, tile_corner + texel, 0).r;
 }
 
 vec4 raw_depths(int cascade, ivec2 corner)
 {
-    return textureGather(shadow_maps, vec2(frame.place[cascade].xy + corner) * texture_step);
+    return textureGather(shadow_maps, vec2(tile_corner + corner) * texture_step);
 }
 
 vec4 raw_compares(int cascade, ivec2 corner, float z)
 {
-    return textureGather(shadow_compare, vec2(frame.place[cascade].xy + corner) * texture_step, z);
+    return textureGather(shadow_compare, vec2(tile_corner + corner) * texture_step, z);
 }
 
 #elif CSM_STORAGE == CSM_STORAGE_SEPARATE
 
-// Samplers may be picked by a constant index alone: every map is asked for in turn. A pass over one map, which does
-// not see how many there are, has that one alone.
+// Samplers may be picked by a constant index alone: every map is asked for in turn, and one answer kept. Without
+// branches: on software GL they cost four times the fetches. A pass over one map, which does not see how many there
+// are, has that one alone.
 const int map_count = CSM_CASCADE_COUNT > 1 ? CSM_CASCADE_COUNT : 1;
 
 #if CSM_KERNEL_SIZE == 2
@@ -62,9 +72,8 @@ vec4 raw_compares(int cascade, ivec2 corner, float z)
 {
     vec4 lit = vec4(1.0);
     for (int i = 0; i < map_count; i++) {
-        if (i == cascade) {
-            lit = textureGather(shadow_compare[i], vec2(corner) / vec2(textureSize(shadow_compare[i], 0)), z);
-        }
+        vec4 here = textureGather(shadow_compare[i], vec2(corner) / vec2(textureSize(shadow_compare[i], 0)), z);
+        lit = mix(lit, here, bvec4(i == cascade));
     }
     return lit;
 }
@@ -73,13 +82,14 @@ vec4 raw_compares(int cascade, ivec2 corner, float z)
 
 layout(binding = 8) uniform sampler2D shadow_maps[map_count];
 
+// Beyond a smaller map fetches of no consequence would lie outside of it.
 float raw_depth(int cascade, ivec2 texel)
 {
     float depth = 1.0;
     for (int i = 0; i < map_count; i++) {
-        if (i == cascade) {
-            depth = texelFetch(shadow_maps[i], texel, 0).r;
-        }
+        ivec2 last = textureSize(shadow_maps[i], 0) - 1;
+        float here = texelFetch(shadow_maps[i], clamp(texel, ivec2(0), last), 0).r;
+        depth = i == cascade ? here : depth;
     }
     return depth;
 }
@@ -88,9 +98,8 @@ vec4 raw_depths(int cascade, ivec2 corner)
 {
     vec4 depths = vec4(1.0);
     for (int i = 0; i < map_count; i++) {
-        if (i == cascade) {
-            depths = textureGather(shadow_maps[i], vec2(corner) / vec2(textureSize(shadow_maps[i], 0)));
-        }
+        vec4 here = textureGather(shadow_maps[i], vec2(corner) / vec2(textureSize(shadow_maps[i], 0)));
+        depths = mix(depths, here, bvec4(i == cascade));
     }
     return depths;
 }
@@ -135,6 +144,14 @@ vec4 raw_depths(int cascade, ivec2 corner)
 vec4 raw_compares(int cascade, ivec2 corner, float z)
 {
     return textureGather(shadow_compare, corner_direction(cascade, corner), z);
+}
+
+#endif
+
+#if CSM_STORAGE != CSM_STORAGE_ATLAS
+
+void choose_map(int cascade)
+{
 }
 
 #endif

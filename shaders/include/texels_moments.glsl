@@ -25,6 +25,7 @@ vec4 mean_moments(ivec2 texel)
 
 vec4 mean_moments(ivec2 texel)
 {
+    choose_map(place.w);
     return moments_of(map_depth_at(place.w, texel), place.y);
 }
 
