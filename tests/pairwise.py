@@ -24,7 +24,7 @@ NUMBERS = {  # that turn an effect on, or code with it
 # No settings, but effects; in the order of their costs.
 OUTSIDE = {"instanced": (False, True), "stage": ("fragment", "compute")}
 WHOLE = {
-    "cascade_count": (3, 1, 2),
+    "cascade_count": (2, 1, 3),
     "filter_size": (3, 1, 2, 7),
     "level_count": (64, 2),
     "level_hysteresis": (0, 2),
@@ -103,7 +103,16 @@ def values_of(name):
 
 
 # What others depend on comes first.
-FIRST = ("filter", "cascade_count", "bias", "lookup", "storage", "snap", "fit", "constant_bias_texels")
+FIRST = (
+    "filter",
+    "cascade_count",
+    "bias",
+    "lookup",
+    "storage",
+    "snap",
+    "fit",
+    "constant_bias_texels",
+)
 FACTORS = [*FIRST, *(name for name in (*TABLE, *NUMBERS, *OUTSIDE, EQUAL) if name not in FIRST)]
 LEVELS = [(name, value) for name in FACTORS for value in values_of(name)]
 NUMBER = {level: i for i, level in enumerate(LEVELS)}

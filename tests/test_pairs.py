@@ -19,11 +19,15 @@ def renderers():
         yield {"compute": compute, "fragment": fragment}
 
 
-@pytest.fixture(scope="module")
-def scenes():
+def both_scenes():
     """By whether a mesh is drawn more than once."""
     once = csm.scenes.plane_and_box()
     return {False: once, True: csm.Scene.merge(once, once.placed((2.5, 0.0, 1.0)))}
+
+
+@pytest.fixture(scope="module")
+def scenes():
+    return both_scenes()
 
 
 CAMERA = csm.Camera.look_at((-6, 4.5, 8), (-0.5, 0.6, 0), fov_y_deg=45, far=40, size=SIZE)
@@ -72,7 +76,10 @@ def test_table_knows_every_effect_with_a_name_and_enough_of_its_values():
             assert set(values) == set(row["choices"].split())
 
 
-@pytest.mark.parametrize("part", range(PARTS))
+# An eighth of the table stands for all of it unless the slow tests are asked for.
+@pytest.mark.parametrize(
+    "part", [pytest.param(i, marks=[pytest.mark.slow] if i else []) for i in range(PARTS)]
+)
 def test_every_pair_renders_a_finite_mask(renderers, scenes, part):
     rows = pairwise.table()[0][part::PARTS]
     problems = [(problem_of(row, renderers, scenes), pairwise.text(row)) for row in rows]
