@@ -1,4 +1,4 @@
-"""Where maps lie: tiles that never meet, one answer from every storage, no byte that is not named."""
+"""Where maps lie: tiles that never meet, one answer from every storage, every byte named."""
 
 import itertools
 
