@@ -153,7 +153,7 @@ class Renderer:
 
     @property
     def info(self):
-        """Back end, driver, stage, limits, and counts of programs compiled and OpenGL objects alive."""
+        """Back end, driver, stage, limits, and counts of compiled programs and living objects."""
         with self._lock:
             core = self._open_core()
             self._free_dropped(core)
