@@ -23,7 +23,7 @@ def main():
     start, start_of_cores = time.perf_counter(), time.process_time()
     rows, possible = pairwise.table()
     made = time.perf_counter() - start
-    scenes, problems = test_pairs.both_scenes(), []
+    scenes, problems = test_pairs.all_scenes(), []
     with (
         csm.Renderer(debug=True, stage="compute") as compute,
         csm.Renderer(debug=True, stage="fragment") as fragment,

@@ -22,7 +22,11 @@ NUMBERS = {  # that turn an effect on, or code with it
     "bleed_step": (0.0, 0.2),
 }
 # No settings, but effects; in the order of their costs.
-OUTSIDE = {"instanced": (False, True), "stage": ("fragment", "compute")}
+OUTSIDE = {
+    "instanced": (False, True),
+    "cut_out": (False, True),
+    "stage": ("fragment", "compute"),
+}
 WHOLE = {
     "cascade_count": (2, 1, 3),
     "filter_size": (3, 1, 2, 7),

@@ -19,15 +19,26 @@ def renderers():
         yield {"compute": compute, "fragment": fragment}
 
 
-def both_scenes():
-    """By whether a mesh is drawn more than once."""
+def all_scenes():
+    """By whether a mesh is drawn more than once, and whether one is cut out."""
     once = csm.scenes.plane_and_box()
-    return {False: once, True: csm.Scene.merge(once, once.placed((2.5, 0.0, 1.0)))}
+    corners = [[-4.0, 2.0, 1.0], [-2.0, 2.0, 1.0], [-2.0, 2.0, 3.0], [-4.0, 2.0, 3.0]]
+    leaf = csm.Mesh(
+        np.array(corners), [[0, 2, 1], [0, 3, 2]], "leaf",
+        uv=np.array([[0.0, 0.0], [3.0, 0.0], [3.0, 3.0], [0.0, 3.0]]), alpha=np.eye(2),
+    )  # fmt: skip
+    leaves = csm.Scene([leaf])
+    scenes = {}
+    for cut_out in (False, True):
+        single = csm.Scene.merge(once, leaves) if cut_out else once
+        twice = csm.Scene.merge(single, single.placed((2.5, 0.0, 1.0)))
+        scenes |= {(False, cut_out): single, (True, cut_out): twice}
+    return scenes
 
 
 @pytest.fixture(scope="module")
 def scenes():
-    return both_scenes()
+    return all_scenes()
 
 
 CAMERA = csm.Camera.look_at((-6, 4.5, 8), (-0.5, 0.6, 0), fov_y_deg=45, far=40, size=SIZE)
@@ -37,7 +48,7 @@ SUN = csm.Sun.from_angles(40.0, 35.0)
 def problem_of(row, renderers, scenes):
     """What is wrong with the mask of a row; "" if nothing is."""
     renderer = renderers[row["stage"]]
-    scene = scenes[row["instanced"]]
+    scene = scenes[row["instanced"], row["cut_out"]]
     settings = csm.ShadowSettings(**pairwise.changes_of(row))
     try:
         mask = renderer.render(scene, CAMERA, SUN, settings, outputs=("mask",)).mask
