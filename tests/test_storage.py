@@ -365,8 +365,8 @@ def test_a_cube_has_all_its_faces():
 
 def test_textures_come_and_go_with_the_storage(fresh_renderer):
     """As many objects as the plan has textures, whatever was there before."""
-    renderer = fresh_renderer()
-    scene, outputs = small_scenes.soup(), ("mask", "shadow_maps")
+    renderer = fresh_renderer(stage="fragment")
+    scene, outputs = small_scenes.soup(), ("shadow_maps", "moments")
 
     def objects_beyond_textures(settings):
         draw(renderer, settings, scene=scene, outputs=outputs)
