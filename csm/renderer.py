@@ -19,6 +19,7 @@ from .frame import Frame, array_shapes, prepare_arrays
 from .plans import DEFAULT_OUTPUTS, MAP_OUTPUTS, output_bits
 from .settings import ShadowSettings
 from .spaces import real_array
+from .stages import STAGES, check_stage, faster_stage
 
 __all__ = ["Renderer", "backends"]
 
@@ -33,8 +34,6 @@ INSTALL_HINT = "install libegl1 and libgl1-mesa-dri, or libosmesa6"
 # this a frame must not depend on what was rendered before it.
 HELD_STEP_SHARE = 0.05  # of the view range
 HELD_TURN_COSINE = math.cos(math.radians(10.0))
-
-STAGES = {"auto": 0, "compute": 0, "fragment": 1}
 
 _alive = weakref.WeakSet()
 _orphans = []  # GLFW renderers that died off the main thread, which alone may close them
@@ -77,7 +76,9 @@ class Renderer:
         Folder of shaders to use instead of the package's own; see `reload`.
     stage : {"auto", "compute", "fragment"}
         Where passes over pixels and texels run: as compute shaders, or as fragments of a triangle
-        that covers them; both give the same. ``"auto"`` is the faster one.
+        that covers them; both give the same. ``"auto"`` is the one that this driver is faster at,
+        found by drawing small frames in a context of their own when a process first opens a
+        renderer on it (a fifth of a second on software GL); ``info["stage"]`` tells.
 
     Raises
     ------
@@ -95,7 +96,8 @@ class Renderer:
         self._dropped = []  # handles of scenes that are gone, freed at the next call
         self._warned = set()
         self._walk = threading.local()  # .held: what the thread's last frame hands on
-        self._core = _open(backend, bool(debug), _shader_folder(shader_dir), _stage_number(stage))
+        check_stage(stage)
+        self._core = _open(backend, bool(debug), _shader_folder(shader_dir), stage)
         self._info = self._core.describe()
         _alive.add(self)
 
@@ -151,7 +153,7 @@ class Renderer:
 
     @property
     def info(self):
-        """Back end, driver, limits, and counts of programs compiled and OpenGL objects alive."""
+        """Back end, driver, stage, limits, and counts of compiled programs and living objects."""
         with self._lock:
             core = self._open_core()
             self._free_dropped(core)
@@ -231,7 +233,8 @@ class Renderer:
         points, point_normals = _checked_points(points, point_normals)
         bits, outputs = output_bits(outputs, points is not None)
         point_count = None if points is None else len(points)
-        self._check_limits(_core.plan(settings, *camera.size, bits)[1], camera, outputs)
+        textures = _core.plan(settings, *camera.size, bits)[1]
+        self._check_limits(textures, settings.storage, camera, outputs)
         arrays = prepare_arrays(array_shapes(camera, settings, outputs, point_count), out)
         with self._lock:
             core = self._open_core()
@@ -271,14 +274,22 @@ class Renderer:
             info=self._frame_info(result, settings, camera, cascades),
         )
 
-    def _check_limits(self, textures, camera, outputs):
+    def _check_limits(self, textures, storage, camera, outputs):
         # before arrays are made: what the driver cannot hold, the host's memory may not hold either
-        limit = self._info["max_texture_size"]
-        for name, _, width, height, layers, *_ in textures:
-            if max(width, height) > limit:
-                raise LimitError(
-                    f"{name} {width} x {height} x {layers} exceeds GL_MAX_TEXTURE_SIZE {limit}"
-                )
+        for name, _, width, height, layers, samples, *_ in textures:
+            what = f"{name} {width} x {height} x {layers}"
+            for size, limit, of in (
+                (max(width, height), "max_texture_size", "GL_MAX_TEXTURE_SIZE"),
+                (layers, "max_layers", "GL_MAX_ARRAY_TEXTURE_LAYERS"),
+                (samples, "max_samples", "GL_MAX_DEPTH_TEXTURE_SAMPLES"),
+            ):
+                if size > self._info[limit]:
+                    what += f" of {samples} samples" if limit == "max_samples" else ""
+                    raise LimitError(f"{what} exceeds {of} {self._info[limit]}")
+            cube = name == "shadow_maps" and storage == "cube"
+            if cube and width > self._info["max_cube_size"]:
+                limit = self._info["max_cube_size"]
+                raise LimitError(f"{what} exceeds GL_MAX_CUBE_MAP_TEXTURE_SIZE {limit}")
         limit, (width, height) = self._info["max_buffer_bytes"], camera.size
         for name in outputs:
             if name not in MAP_OUTPUTS and width * height * (12 if name == "normal" else 4) > limit:
@@ -288,7 +299,7 @@ class Renderer:
                 )
 
     def _frame_info(self, result, settings, camera, cascades):
-        driver = ("backend", "platform", "vendor", "renderer", "version", "software")
+        driver = ("backend", "platform", "vendor", "renderer", "version", "software", "stage")
         lists = result["lists"]
         return {
             **{name: self._info[name] for name in driver},
@@ -386,12 +397,6 @@ def _finite_rows(name, rows):
     return rows
 
 
-def _stage_number(stage):
-    if stage not in STAGES:
-        raise ValueError(f"stage must be one of {', '.join(STAGES)} (got {stage!r})")
-    return STAGES[stage]
-
-
 def _shader_folder(shader_dir):
     if shader_dir is None:
         return os.fspath(resources.files("csm.shaders"))
@@ -427,10 +432,16 @@ def _open_one(name, debug, folder, stage):
             f"not survive it: {SPAWN_HINT}"
         )
     _opened.add(name)
+    number = _core.BACKENDS.index(name)
     try:
-        return _core.Renderer(_core.BACKENDS.index(name), debug, folder, stage)
+        core = _core.Renderer(number, debug, folder)
+        if stage == "auto":
+            own = _shader_folder(None)
+            stage = faster_stage(core.describe(), lambda: _core.Renderer(number, False, own))
     except ContextError as error:
         raise ContextError(f"{name}: {error}") from None
+    core.set_stage(STAGES.index(stage))
+    return core
 
 
 def _open(backend, debug, folder, stage):

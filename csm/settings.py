@@ -115,7 +115,8 @@ class ShadowSettings:
         faces of a cube, for up to six maps of one size. Prefiltered filters make their moments
         from maps stored so, and keep the moments in an array.
     tile_border : int
-        Empty texels around each tile of an atlas, 0 to 64.
+        Empty texels around each tile of an atlas, 0 to 64. No lookup here needs them: none leaves
+        its tile.
     copied_tiles : bool
         Tiles of an atlas are drawn on their own and copied, so that they are those of an array to
         the bit; drawn in place, a rasteriser may round corners otherwise.

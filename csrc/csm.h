@@ -780,7 +780,6 @@ const char *csm_backend_name(int backend);
 
 typedef struct csm_renderer_desc {
     int backend;
-    int stage;              /* CSM_STAGE_*, of passes over pixels and texels */
     bool debug;             /* synchronous KHR_debug output, errors fail the call */
     csm_read_callback read; /* shader files; called inside any call of the renderer */
     void *read_user;
@@ -791,8 +790,8 @@ typedef struct csm_renderer_info {
     char platform[64]; /* "device", "surfaceless", ... */
     char vendor[128], renderer[128], version[128], glsl[64];
     bool software;
-    int stage;                                     /* CSM_STAGE_* */
-    int max_texture_size, max_layers, max_samples; /* samples of depth textures */
+    int stage;                                                    /* CSM_STAGE_* */
+    int max_texture_size, max_cube_size, max_layers, max_samples; /* samples of depth textures */
     int64_t max_buffer_bytes;
     int programs_compiled; /* since the renderer was made */
     int live_objects;      /* GL objects that exist now */
@@ -802,6 +801,9 @@ typedef struct csm_renderer_info {
 csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out, csm_error *err);
 void csm_renderer_destroy(csm_renderer *renderer);
 csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out, csm_error *err);
+
+/* Where passes over pixels and texels run from the next frame on, CSM_STAGE_*: compute at first. */
+csm_status csm_renderer_set_stage(csm_renderer *renderer, int stage, csm_error *err);
 
 /* Drops compiled programs, so that edited shader files are read again. */
 csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err);

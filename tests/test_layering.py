@@ -177,8 +177,8 @@ def test_two_shaders_choose_the_filter():
 ORDER = [
     "errors", "spaces", "camera", "sun", "cutouts", "mesh", "instances", "elevation", "scene",
     "shapes", "plants", "streets", "landscapes", "scenes", "gltf", "materials", "animation",
-    "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "renderer", "embree",
-    "tracing", "metrics", "checks", "check_files", "sweeps", "reports", "recommendation",
+    "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "stages", "renderer",
+    "embree", "tracing", "metrics", "checks", "check_files", "sweeps", "reports", "recommendation",
     "director", "export", "pictures", "outlines", "plot_style", "plot_windows", "plot_frames",
     "plot", "results", "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli",
     "__main__",

@@ -328,6 +328,8 @@ csm_place csm_map_attach(csm_frame *frame, int cascade);
 
 /* pass_shadow_mask.c: the textures that shaders/include/shadow_storage.glsl declares. */
 void csm_bind_maps(csm_frame *frame);
+/* The same for a pass over one map; returns which of those bound it is. */
+int csm_bind_map(csm_frame *frame, int cascade);
 
 /* pass_view.c: the draw list of what the camera may see; returns how many items. */
 csm_status csm_view_draws_fill(csm_frame *frame, int *out_items, csm_error *err);

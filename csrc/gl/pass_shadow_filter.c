@@ -58,20 +58,18 @@ void csm_cover_pixels(csm_renderer *renderer) {
 csm_status csm_pass_shadow_moments(csm_frame *frame, int cascade, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    const csm_target *maps = &renderer->targets[CSM_TARGET_SHADOW_MAPS];
     const int size = frame->settings.map_size[cascade];
     GLuint program;
     csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_MOMENTS, &program, err);
     if (status != CSM_OK) {
         return status;
     }
-    csm_bind_maps(frame);
+    const int map = csm_bind_map(frame, cascade);
     gl->BindTextureUnit(UNIT_SAMPLES, renderer->targets[CSM_TARGET_SHADOW_SAMPLES].texture);
     gl->UseProgram(program);
     csm_timer_start(renderer);
     for (int slice = 0; slice < frame->moments.slices; slice++) {
-        const bool shared = maps->wanted.kind == CSM_TEXTURE_ARRAY && maps->wanted.layers == 1;
-        gl->Uniform4i(UNIFORM_PLACE, shared ? 0 : cascade, slice, size, 0);
+        gl->Uniform4i(UNIFORM_PLACE, cascade, slice, size, map);
         run_on_texels(frame, moments_of(frame, cascade, slice), size);
     }
     csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MOMENTS, cascade));

@@ -34,12 +34,19 @@ static void set_compare(csm_frame *frame) {
                                           reversed ? GL_GEQUAL : GL_LEQUAL);
 }
 
+static void bind_separate(csm_frame *frame, GLuint unit, int cascade) {
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const bool compared = frame->settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF &&
+                          frame->settings.effects[CSM_EFFECT_FILTER_SIZE] == 2;
+    gl->BindTextureUnit(unit, renderer->targets[CSM_TARGET_SEPARATE + cascade].texture);
+    gl->BindSampler(unit, compared ? renderer->compare_sampler : renderer->nearest_sampler);
+}
+
 void csm_bind_maps(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
-    const bool compared = frame->settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF &&
-                          frame->settings.effects[CSM_EFFECT_FILTER_SIZE] == 2;
     set_compare(frame);
     gl->BindTextureUnit(UNIT_MAPS, maps);
     gl->BindSampler(UNIT_MAPS, renderer->nearest_sampler);
@@ -48,11 +55,19 @@ void csm_bind_maps(csm_frame *frame) {
     gl->BindSampler(UNIT_COMPARE, maps ? renderer->compare_sampler : renderer->nearest_sampler);
     if (frame->settings.effects[CSM_EFFECT_STORAGE] == CSM_STORAGE_SEPARATE) {
         for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
-            const GLuint unit = (GLuint)(UNIT_SEPARATE + i);
-            gl->BindTextureUnit(unit, renderer->targets[CSM_TARGET_SEPARATE + i].texture);
-            gl->BindSampler(unit, compared ? renderer->compare_sampler : renderer->nearest_sampler);
+            bind_separate(frame, (GLuint)(UNIT_SEPARATE + i), i);
         }
     }
+}
+
+int csm_bind_map(csm_frame *frame, int cascade) {
+    const csm_target *maps = &frame->renderer->targets[CSM_TARGET_SHADOW_MAPS];
+    csm_bind_maps(frame);
+    if (frame->settings.effects[CSM_EFFECT_STORAGE] == CSM_STORAGE_SEPARATE) {
+        bind_separate(frame, UNIT_SEPARATE, cascade);
+        return 0;
+    }
+    return maps->wanted.kind == CSM_TEXTURE_ARRAY && maps->wanted.layers == 1 ? 0 : cascade;
 }
 
 void csm_mask_bind_inputs(csm_frame *frame) {

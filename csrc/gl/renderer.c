@@ -66,6 +66,7 @@ static void read_info(csm_renderer *renderer) {
     info->software = strstr(info->renderer, "llvmpipe") || strstr(info->renderer, "softpipe") ||
                      strstr(info->renderer, "swrast") || strstr(info->renderer, "Software");
     gl->GetIntegerv(GL_MAX_TEXTURE_SIZE, &info->max_texture_size);
+    gl->GetIntegerv(GL_MAX_CUBE_MAP_TEXTURE_SIZE, &info->max_cube_size);
     gl->GetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &info->max_layers);
     gl->GetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &buffer_bytes);
     info->max_buffer_bytes = buffer_bytes;
@@ -165,7 +166,7 @@ csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out
     pthread_mutexattr_destroy(&attributes);
     renderer->owner = getpid();
     renderer->debug = desc->debug;
-    renderer->info.stage = desc->stage;
+    renderer->info.stage = CSM_STAGE_COMPUTE;
     renderer->read = desc->read;
     renderer->read_user = desc->read_user;
 
@@ -219,6 +220,16 @@ csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out,
     csm_status status = enter(renderer, &saved, err);
     if (status == CSM_OK) {
         *out = renderer->info;
+        leave(renderer, &saved);
+    }
+    return status;
+}
+
+csm_status csm_renderer_set_stage(csm_renderer *renderer, int stage, csm_error *err) {
+    csm_saved_binding saved;
+    csm_status status = enter(renderer, &saved, err);
+    if (status == CSM_OK) {
+        renderer->info.stage = stage;
         leave(renderer, &saved);
     }
     return status;

@@ -70,6 +70,10 @@ static csm_status make(csm_renderer *renderer, csm_target *target, const csm_pla
                        csm_error *err) {
     const GladGLContext *gl = &renderer->gl;
     int largest = wanted->width > wanted->height ? wanted->width : wanted->height;
+    if (wanted->kind == CSM_TEXTURE_CUBE && largest > renderer->info.max_cube_size) {
+        return csm_fail(err, CSM_ERROR_LIMIT, "%s %d x %d exceeds GL_MAX_CUBE_MAP_TEXTURE_SIZE %d",
+                        wanted->name, wanted->width, wanted->height, renderer->info.max_cube_size);
+    }
     if (largest > renderer->info.max_texture_size || wanted->layers > renderer->info.max_layers) {
         return csm_fail(err, CSM_ERROR_LIMIT, "%s %d x %d x %d exceeds GL_MAX_TEXTURE_SIZE %d",
                         wanted->name, wanted->width, wanted->height, wanted->layers,

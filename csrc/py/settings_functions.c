@@ -351,6 +351,32 @@ static PyObject *plan(PyObject *module, PyObject *args) {
     return plan_lists(&made);
 }
 
+PyDoc_STRVAR(storage_places_doc,
+             "storage_places(settings)\n--\n\n"
+             "(places, size): (x, y, size, layer) of each map in a texture of (width, height).");
+
+static PyObject *storage_places(PyObject *module, PyObject *object) {
+    csm_settings settings;
+    csm_place places[CSM_MAX_CASCADES];
+    int size[2];
+    if (parse_valid(module, object, &settings) < 0) {
+        return NULL;
+    }
+    csm_settings_canonical(&settings);
+    csm_storage_places(&settings, places, size);
+    const int count = settings.effects[CSM_EFFECT_CASCADE_COUNT];
+    PyObject *list = PyList_New(0);
+    for (int i = 0; i < count && list; i++) {
+        const csm_place *at = &places[i];
+        PyObject *item = Py_BuildValue("(iiii)", at->x, at->y, at->size, at->layer);
+        if (!item || PyList_Append(list, item) < 0) {
+            Py_CLEAR(list);
+        }
+        Py_XDECREF(item);
+    }
+    return list ? Py_BuildValue("N(ii)", list, size[0], size[1]) : NULL;
+}
+
 PyDoc_STRVAR(program_defines_doc, "program_defines(pass_name, settings, outputs, instanced=False, "
                                   "alpha_tested=False)\n"
                                   "--\n\n"
@@ -388,6 +414,7 @@ PyMethodDef csm_py_settings_methods[] = {
     {"moment_numbers", moment_numbers, METH_O, moment_numbers_doc},
     {"bias_terms", bias_terms, METH_O, bias_terms_doc},
     {"plan", plan, METH_VARARGS, plan_doc},
+    {"storage_places", storage_places, METH_O, storage_places_doc},
     {"program_defines", program_defines, METH_VARARGS, program_defines_doc},
     {NULL, NULL, 0, NULL},
 };

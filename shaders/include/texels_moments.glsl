@@ -2,7 +2,7 @@
 #include "include/frame.glsl"
 #include "include/moments.glsl"
 
-layout(location = 0) uniform ivec4 place; // cascade, slice, texels along a side
+layout(location = 0) uniform ivec4 place; // cascade, slice, texels along a side; map among those bound
 
 #if CSM_SAMPLES > 1
 
@@ -25,7 +25,8 @@ vec4 mean_moments(ivec2 texel)
 
 vec4 mean_moments(ivec2 texel)
 {
-    return moments_of(map_depth_at(place.x, texel), place.y);
+    choose_map(place.w);
+    return moments_of(map_depth_at(place.w, texel), place.y);
 }
 
 #endif

@@ -31,6 +31,14 @@ struct verdict
 #include "include/filter_vsm.glsl"
 #endif
 
+float map_visibility(map_receiver at)
+{
+#if CSM_PREFILTERED == 0
+    choose_map(at.cascade);
+#endif
+    return filter_visibility(at);
+}
+
 #if CSM_BLEND != CSM_BLEND_NONE
 
 // Weight of the next cascade by the kind of transition.
@@ -59,12 +67,12 @@ verdict receiver_verdict(receiver point)
         chosen.own = chosen.next;
     }
 #endif
-    found.single = filter_visibility(in_map(point, chosen.own));
+    found.single = map_visibility(in_map(point, chosen.own));
     found.visibility = found.single;
 #if CSM_BLEND != CSM_BLEND_NONE && (CSM_BLEND != CSM_BLEND_DITHER || CSM_OUT_MASK_SINGLE)
     found.next_weight = transition(chosen.next_weight, point.noise);
     if (found.next_weight > 0.0) {
-        float next = filter_visibility(in_map(point, chosen.next));
+        float next = map_visibility(in_map(point, chosen.next));
         found.visibility = mix(found.single, next, found.next_weight);
     }
 #endif
