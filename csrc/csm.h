@@ -247,14 +247,14 @@ double csm_settings_moment_bias(const csm_settings *settings);
 
 /* Effective biases in the terms of csm_bias (section 7), after bias = auto is resolved. */
 typedef struct csm_bias {
-    bool receiver_plane;         /* compare against the receiver's plane at each texel's centre */
-    double constant_texels;      /* times the larger texel side [m] */
-    double slope_texels;         /* times (|gx| + |gy|) * texel side [m] */
-    double normal_offset_texels; /* times texel side * sin(theta) [m] */
+    bool receiver_plane;           /* compare against the receiver's plane at each texel's centre */
+    double constant_texels;        /* times the larger texel side [m] */
+    double slope_texels;           /* times (|gx| + |gy|) * texel side [m] */
+    double normal_offset_texels;   /* times texel side * sin(theta) [m] */
     double caster_constant_texels; /* the first two, but casters are pushed back in the map */
     double caster_slope_texels;    /* times the steepest of |gx|, |gy| along its own side */
-    double quanta;               /* times the depth quantum of the format over the range [m] */
-    double roundings;            /* times the float32 rounding of the receiver's position [m] */
+    double quanta;                 /* times the depth quantum of the format over the range [m] */
+    double roundings;              /* times the float32 rounding of the receiver's position [m] */
 } csm_bias;
 csm_bias csm_settings_bias(const csm_settings *settings);
 
@@ -655,8 +655,9 @@ void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_c
 
 /* Exclusive culling: leaves out what lies wholly inside the window of one finer cascade, less
  * border_texels of its own (where the finer map does not answer), less band times half its side
- * (where it does not answer alone) and less what a lookup in the coarser map may reach from there. Selection must be by window, not by depth. A finer cascade
- * whose depth range does not hold the coarser one's is no reason to leave anything out. */
+ * (where it does not answer alone) and less what a lookup in the coarser map may reach from there.
+ * Selection must be by window, not by depth. A finer cascade whose depth range does not hold the
+ * coarser one's is no reason to leave anything out. */
 void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double border_texels,
                              double band, csm_cull_volume *volume);
 

@@ -202,7 +202,11 @@ def box_on_ground(elevation):
     camera = csm.Camera.orthographic(
         (0.0, 10, 0), (0.0, 0, 0), up=(0, 0, -1), height=1.0, near=1, far=20, size=(800, 40)
     )
-    return scene, camera.replace(half_width=1.6, half_height=0.5), csm.Sun.from_angles(90.0, elevation)
+    return (
+        scene,
+        camera.replace(half_width=1.6, half_height=0.5),
+        csm.Sun.from_angles(90.0, elevation),
+    )
 
 
 @pytest.mark.parametrize("bias_m", [0.0, 0.1, 0.3])

@@ -14,9 +14,7 @@ BLENDS = ["linear", "smooth", "dither"]
 SELECTS = ["map", "interval", "frustum"]
 
 
-@pytest.mark.parametrize(
-    "scenes", [9, pytest.param(90, marks=pytest.mark.slow)], ids=["9", "90"]
-)
+@pytest.mark.parametrize("scenes", [9, pytest.param(90, marks=pytest.mark.slow)], ids=["9", "90"])
 def test_g1_masks_of_random_scenes_are_equal_under_transitions(figure, renderer, scenes):
     dropped = mixed = 0
     for number in range(scenes):
@@ -122,7 +120,9 @@ def test_g1_casters_over_a_band_are_kept(figure, select, width):
     lost = lost_without = checked = 0
     for seed in range(8):
         camera, sun, settings, _, rng = place(seed, 1)
-        settings = settings.replace(select=select, blend="linear", blend_width=width, cull="inclusive")
+        settings = settings.replace(
+            select=select, blend="linear", blend_width=width, cull="inclusive"
+        )
         cascades = csm.fit_cascades(camera, sun, settings, scene=_Scene)
         padding = 0 if select == "frustum" else 1
         points, depth = view_points(camera, cascades, rng)
@@ -164,13 +164,17 @@ def test_g1_no_caster_under_the_band_of_a_finer_map_is_left_out(figure, select, 
                     camera, sun.to_light, settings.replace(blend=blend), _Scene.bounds
                 )  # fmt: skip
                 held = len(_core.cull_boxes(*arguments, specks, i, **options))
-                kept = _core.cull_boxes(*arguments, specks, i, border_texels=padding + 1.0, **options)
+                kept = _core.cull_boxes(
+                    *arguments, specks, i, border_texels=padding + 1.0, **options
+                )
                 counts[blend] = held - len(kept)
                 checked += held
                 if blend == "linear":
                     all_of = len(_core.cull_boxes(*arguments, boxes, i, **options))
                     left_out += all_of - len(
-                        _core.cull_boxes(*arguments, boxes, i, border_texels=padding + 1.0, **options)
+                        _core.cull_boxes(
+                            *arguments, boxes, i, border_texels=padding + 1.0, **options
+                        )
                     )
             lost += counts["linear"]
             lost_without += counts["none"]

@@ -31,8 +31,8 @@ csm_bias_metres csm_bias_in_metres(const csm_settings *settings, const double cl
         .receiver_plane = bias.receiver_plane,
         .texel = texel,
         .quantum = quantum,
-        .constant = (bias.constant_texels + bias.caster_constant_texels) * texel +
-                    bias.quanta * quantum,
+        .constant =
+            (bias.constant_texels + bias.caster_constant_texels) * texel + bias.quanta * quantum,
         .slope = (bias.slope_texels + bias.caster_slope_texels) * texel,
         .normal_offset = bias.normal_offset_texels * texel,
         .needed_constant = 0.5 * quantum,

@@ -65,7 +65,8 @@ static double served_from(const csm_cascades *cascades, int cascade, int select,
     }
     /* float32 depths on either side of the band's start */
     const double start = splits[cascade] - band * (splits[cascade] - splits[cascade - 1]);
-    return fmax(start - 0x1p-20 * fmax(fabs(splits[cascade - 1]), fabs(splits[cascade])), splits[0]);
+    return fmax(start - 0x1p-20 * fmax(fabs(splits[cascade - 1]), fabs(splits[cascade])),
+                splits[0]);
 }
 
 void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_camera *camera,
@@ -107,7 +108,8 @@ void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double b
             !memcmp(out->light_from_world, volume->light_from_world, sizeof out->light_from_world);
         const double margin = volume->margin * (along ? 1.0 : sqrt(2.0));
         for (int axis = 0; axis < 2; axis++) {
-            const double texels = cascades->stretch * border_texels + 0.5 * band * cascades->map_size[i];
+            const double texels =
+                cascades->stretch * border_texels + 0.5 * band * cascades->map_size[i];
             const double shrink = margin + texels * cascades->texel_size[i][axis];
             out->window[axis] += shrink;
             out->window[axis + 2] -= shrink;

@@ -218,8 +218,8 @@ _Static_assert(sizeof(csm_warp_uniforms) == 5 * 16 * CSM_MAX_CASCADES,
 /* -- renderer.c -----------------------------------------------------------------------------------
  */
 
-/* What the last render left, for csm_renderer_visibility: its maps stay in the targets, its warps in
- * the renderer. */
+/* What the last render left, for csm_renderer_visibility: its maps stay in the targets, its warps
+ * in the renderer. */
 typedef struct csm_last_render {
     bool done;            /* false before the first render, and after one that failed */
     bool whole;           /* maps are there, and hold what shadows any point */

@@ -80,8 +80,7 @@ static csm_status cull_casters(csm_frame *frame, int cascade, caster_list *out, 
 
 static csm_status fill_draw_list(csm_frame *frame, int cascade, const uint32_t *items, size_t count,
                                  csm_error *err) {
-    csm_status status =
-        csm_draw_list_fill(frame->renderer, frame->desc->scene, items, count, err);
+    csm_status status = csm_draw_list_fill(frame->renderer, frame->desc->scene, items, count, err);
     frame->out->items_drawn[cascade] += frame->renderer->draws.item_count;
     frame->out->triangles_drawn[cascade] += frame->renderer->draws.triangle_count;
     return status;

@@ -591,9 +591,8 @@ static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) 
         const double band = csm_settings_band(&canonical);
         csm_cull_volume volume;
         if (cascade >= 0) {
-            csm_cull_volume_make(&cascades, cascade, view,
-                                 canonical.effects[CSM_EFFECT_SELECT], band, margin_texels,
-                                 whole_window, &volume);
+            csm_cull_volume_make(&cascades, cascade, view, canonical.effects[CSM_EFFECT_SELECT],
+                                 band, margin_texels, whole_window, &volume);
             if (border != Py_None) {
                 csm_cull_volume_exclude(&cascades, cascade, border_texels, band, &volume);
             }

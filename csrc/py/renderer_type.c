@@ -437,16 +437,17 @@ fail:
     return NULL;
 }
 
-PyDoc_STRVAR(visibility_doc, "visibility(points, normals, mask, cascade_index, blend_weight)\n--\n\n"
-                             "Fills the arrays with what the maps of the last render say.");
+PyDoc_STRVAR(visibility_doc,
+             "visibility(points, normals, mask, cascade_index, blend_weight)\n--\n\n"
+             "Fills the arrays with what the maps of the last render say.");
 
 static PyObject *renderer_visibility(PyObject *object, PyObject *args) {
     PyObject *points, *normals, *mask, *cascade, *weight;
     csm_renderer *renderer = open_renderer(object);
     csm_error err = {0};
     csm_status status;
-    if (!renderer || !PyArg_ParseTuple(args, "OOOOO:visibility", &points, &normals, &mask, &cascade,
-                                       &weight)) {
+    if (!renderer ||
+        !PyArg_ParseTuple(args, "OOOOO:visibility", &points, &normals, &mask, &cascade, &weight)) {
         return NULL;
     }
     PyArrayObject *point_rows = csm_py_rows(points, "points", NPY_DOUBLE, 3);
@@ -466,18 +467,16 @@ static PyObject *renderer_visibility(PyObject *object, PyObject *args) {
         float *out_mask = array_data(mask, "mask", NPY_FLOAT32, count, &ok);
         uint8_t *out_cascade = array_data(cascade, "cascade_index", NPY_UINT8, count, &ok);
         float *out_weight = array_data(weight, "blend_weight", NPY_FLOAT32, count, &ok);
-        const csm_visibility_desc desc = {
-            .points = PyArray_DATA(point_rows),
-            .normals = normal_rows ? PyArray_DATA(normal_rows) : NULL,
-            .point_count = (size_t)count,
-            .stop = signal_arrived};
+        const csm_visibility_desc desc = {.points = PyArray_DATA(point_rows),
+                                          .normals = normal_rows ? PyArray_DATA(normal_rows) : NULL,
+                                          .point_count = (size_t)count,
+                                          .stop = signal_arrived};
         if (ok) {
             Py_BEGIN_ALLOW_THREADS
-            status = csm_renderer_visibility(renderer, &desc, out_mask, out_cascade, out_weight,
-                                             &err);
+            status =
+                csm_renderer_visibility(renderer, &desc, out_mask, out_cascade, out_weight, &err);
             Py_END_ALLOW_THREADS
-            result = status == CSM_OK ? Py_NewRef(Py_None)
-                                      : csm_py_raise(module_of(object), &err);
+            result = status == CSM_OK ? Py_NewRef(Py_None) : csm_py_raise(module_of(object), &err);
         }
     }
     Py_XDECREF(point_rows);

@@ -295,13 +295,12 @@ static PyObject *bias_terms(PyObject *module, PyObject *object) {
 }
 
 static PyObject *new_bias(const csm_bias_metres *bias) {
-    return Py_BuildValue(
-        "{s:s,s:N,s:d,s:d,s:d,s:d,s:d,s:d,s:d}", "side",
-        bias->on_casters ? "caster" : "receiver", "receiver_plane",
-        PyBool_FromLong(bias->receiver_plane), "texel_m", bias->texel, "quantum_m", bias->quantum,
-        "constant_m", bias->constant, "slope_m", bias->slope, "normal_offset_m",
-        bias->normal_offset, "needed_constant_m", bias->needed_constant, "needed_slope_m",
-        bias->needed_slope);
+    return Py_BuildValue("{s:s,s:N,s:d,s:d,s:d,s:d,s:d,s:d,s:d}", "side",
+                         bias->on_casters ? "caster" : "receiver", "receiver_plane",
+                         PyBool_FromLong(bias->receiver_plane), "texel_m", bias->texel, "quantum_m",
+                         bias->quantum, "constant_m", bias->constant, "slope_m", bias->slope,
+                         "normal_offset_m", bias->normal_offset, "needed_constant_m",
+                         bias->needed_constant, "needed_slope_m", bias->needed_slope);
 }
 
 PyDoc_STRVAR(bias_metres_doc, "bias_metres(settings, clip_from_light, map_size, depth_range)\n"
