@@ -292,7 +292,7 @@ def test_points_draw_lots_of_their_own(renderer):
     )  # fmt: skip
     rng = np.random.default_rng(62)
     camera = small_scenes.camera(0, near=0.5, far=60.0)
-    points, depth = rays_through_the_view(camera, 40.0, 40, 500, rng)
+    points, _ = rays_through_the_view(camera, 40.0, 40, 500, rng)
     frame = lookups(renderer, settings, points)
     linear = lookups(renderer, settings.replace(blend="linear"), points)
     assert np.isin(frame.point_blend_weight, (0.0, 1.0)).all()
@@ -345,7 +345,8 @@ def shaded_ray(renderer, depth, **changes):
 
 @pytest.mark.parametrize("width", [0.02, 0.3, 1.0])
 @pytest.mark.parametrize("changes", [
-    {"view_range": "camera"}, {"max_distance": 37.0}, {"view_range": "camera", "max_distance": 51.3},
+    {"view_range": "camera"}, {"max_distance": 37.0},
+    {"view_range": "camera", "max_distance": 51.3},
     {"view_range": "camera", "blend": "linear", "select": "interval"}, {"blend": "smooth"},
 ], ids=str)  # fmt: skip
 def test_m1_shadows_fade_evenly_to_exactly_none(figure, renderer, changes, width):

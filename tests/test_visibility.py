@@ -25,7 +25,8 @@ def surfaces(frame):
 
 @pytest.mark.parametrize("changes", [
     {}, {"filter": "pcf", "filter_size": 5, "blend": "linear"}, {"filter": "pcf", "filter_size": 2},
-    {"select": "interval", "blend": "smooth", "fade_width": 0.4}, {"select": "frustum", "filter": "pcf"},
+    {"select": "interval", "blend": "smooth", "fade_width": 0.4},
+    {"select": "frustum", "filter": "pcf"},
     {"cull": "exclusive", "blend": "linear", "blend_width": 0.3}, {"cull": "none"},
     {"warp": "lispsm", "blend": "linear"}, {"warp": "psm", "cull": "none"},
     {"light_basis": "world"}, {"fit": "visible", "turned": True}, {"split": "sdsm"},
@@ -53,7 +54,8 @@ def test_pixels_get_their_own_mask(renderer, changes):
 
 
 @pytest.mark.parametrize("changes", [
-    {}, {"blend": "linear", "filter": "pcf"}, {"warp": "tsm"}, {"filter": "vsm"}, {"cull": "exclusive"},
+    {}, {"blend": "linear", "filter": "pcf"}, {"warp": "tsm"}, {"filter": "vsm"},
+    {"cull": "exclusive"},
 ], ids=str)  # fmt: skip
 @pytest.mark.parametrize("outputs", [("mask",), ("shadow_maps",), ("valid",)], ids=str)
 def test_points_get_what_a_render_with_points_says(renderer, changes, outputs):
