@@ -48,6 +48,7 @@ CASES = {
     "D2": "receiver planes towards edge-on",
     "D3": "depth range that moves",
     "L1": "warps",
+    "M1": "transitions and fade",
     "Y1": "shifted spheres",
     "K1": "world-aligned light matrix",
     "G1": "culling of casters",

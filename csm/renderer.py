@@ -12,10 +12,10 @@ from importlib import resources
 import numpy as np
 
 from . import _core
-from .cascades import Cascades, check_kinds
+from .cascades import Cascades, bias_metres, check_kinds
 from .cutouts import core_meshes, has_cutout
 from .errors import ContextError, GLWarning, LimitError, ShaderError
-from .frame import Frame, array_shapes, prepare_arrays
+from .frame import Frame, Visibility, array_shapes, prepare_arrays
 from .plans import DEFAULT_OUTPUTS, MAP_OUTPUTS, output_bits
 from .settings import ShadowSettings
 from .spaces import real_array
@@ -230,7 +230,10 @@ class Renderer:
         """
         settings = ShadowSettings() if settings is None else settings
         check_kinds(scene=scene, camera=camera, sun=sun, settings=settings)
-        points, point_normals = _checked_points(points, point_normals)
+        if points is not None:
+            points, point_normals = _checked_points(points, point_normals)
+        elif point_normals is not None:
+            raise ValueError("point_normals must come with points (got no points)")
         bits, outputs = output_bits(outputs, points is not None)
         point_count = None if points is None else len(points)
         textures = _core.plan(settings, *camera.size, bits)[1]
@@ -274,6 +277,55 @@ class Renderer:
             info=self._frame_info(result, settings, camera, cascades),
         )
 
+    def visibility(self, points, normals=None):
+        """What the maps of the last render say of any points.
+
+        Parameters
+        ----------
+        points : (m, 3) array_like
+            World points [m], in or out of the picture.
+        normals : (m, 3) array_like, optional
+            Normals of the surfaces there, as `render` takes `point_normals`.
+
+        Returns
+        -------
+        visibility : Visibility
+            By the same shader functions as the mask: points and normals of a pixel get the mask's
+            value there, but where float32 decides a compare or a texel.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument breaks its rule; if nothing was rendered yet, or the last render failed;
+            if its maps held only what shadows the picture and its scene is gone.
+        ContextError
+            If the renderer is closed or belongs to a parent process.
+        LimitError, ShaderError, GLError
+            If the driver cannot do it.
+        KeyboardInterrupt
+            On Ctrl-C; where maps were being drawn, render again before the next call.
+
+        Notes
+        -----
+        The last render is that of this renderer, whichever thread made it. Maps that were culled
+        to the picture are drawn whole at the first call, from its scene. A render with points, were
+        it none (``points=np.empty((0, 3))``), or with ``cull="none"`` has them so from the start.
+        """
+        points, normals = _checked_points(points, normals, "normals")
+        found = Visibility(
+            np.empty(len(points), np.float32),
+            np.empty(len(points), np.uint8),
+            np.empty(len(points), np.float32),
+        )
+        with self._lock:
+            core = self._open_core()
+            self._free_dropped(core)
+            try:
+                core.visibility(points, normals, *vars(found).values())
+            finally:
+                self._tell_messages(core)
+        return found
+
     def _check_limits(self, textures, storage, camera, outputs):
         # before arrays are made: what the driver cannot hold, the host's memory may not hold either
         for name, _, width, height, layers, samples, *_ in textures:
@@ -307,6 +359,7 @@ class Renderer:
             "size": list(camera.size),
             "map_size": [int(size) for size in cascades.map_size],
             "settings": settings.canonical().to_dict(),
+            "bias": bias_metres(cascades, settings),
             "bytes": result["bytes"],
             "scene_bytes": result["scene_bytes"],
             "programs_compiled": result["programs_compiled"],
@@ -366,22 +419,16 @@ class Renderer:
                 warnings.warn(text, GLWarning, stacklevel=3)
 
 
-def _checked_points(points, normals):
-    if points is None:
-        if normals is not None:
-            raise ValueError("point_normals must come with points (got no points)")
-        return None, None
+def _checked_points(points, normals, name="point_normals"):
     points = _finite_rows("points", points)
     if normals is None:
         return points, None
-    normals = _finite_rows("point_normals", normals)
+    normals = _finite_rows(name, normals)
     if len(normals) != len(points):
-        raise ValueError(
-            f"point_normals must be as many as points, {len(points)} (got {len(normals)})"
-        )
+        raise ValueError(f"{name} must be as many as points, {len(points)} (got {len(normals)})")
     largest = np.abs(normals).max(axis=1, keepdims=True, initial=0.0)
     if not largest.all():
-        raise ValueError(f"point_normals must not be zero (number {int(np.argmin(largest))} is)")
+        raise ValueError(f"{name} must not be zero (number {int(np.argmin(largest))} is)")
     normals = normals / largest  # else tiny and huge ones have no length in doubles
     return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 

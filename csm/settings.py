@@ -124,7 +124,9 @@ class ShadowSettings:
         Maps hold 1 at the caster side and 0 far away. A `Frame`'s `shadow_maps` have 0 at the
         caster side all the same.
     caster_faces : {"both", "front", "back"}
-        Which sides of triangles cast, counter-clockwise being the front.
+        Which sides of triangles cast, counter-clockwise being the front, in mirroring instances
+        too. Closed solids cast the same shadow by their backs, which need no bias on what the sun
+        sees and leak along the foot where they stand (docs/numerics.md 30).
     filter : {"hard", "none", "pcf", "poisson", "vsm", "evsm2", "evsm4", "esm", "msm", "lvsm", \
 "savsm", "fourier", "pcss"}
         ``"hard"``: one nearest compare. ``"none"``: no shadow maps at all. ``"pcf"``:
@@ -191,19 +193,21 @@ class ShadowSettings:
         The receiver's plane from its triangle, or from differences in the quad of pixels [MSDN].
     blend : {"none", "linear", "smooth", "dither"}
         Transition to the next cascade, where that holds the point with its kernel: weighted, with
-        a smooth weight, or by lot.
+        a smooth weight, or by lot (interleaved gradient noise [Jimenez2014]_).
     blend_width : float
         Width of the transition, 0 to 1: share of half a map, under ``select="interval"`` of the
-        slice.
+        slice. Narrower where two maps overlap less: windows of ``fit="sphere"`` and ``"diameter"``
+        overlap much, those of ``"box"`` hardly.
     fade_width : float
-        Share of the shadow range over which shadows fade at its end, 0 to 1.
+        Share of the shadow range over which shadows fade at its end, 0 to 1; at the last split
+        they are gone.
     bias : {"auto", "manual"}
         ``"auto"``: receiver plane at each texel's centre, plus a quarter texel of slope, a
         depth quantum and the rounding of float32. ``"manual"``: the five settings below, which
         start at zero: with none of them set, tilted surfaces show acne.
     bias_side : {"receiver", "caster"}
-        Constant and slope bias lift receivers in the mask, or push casters back in the maps, by the
-        hardware's slope there.
+        Constant and slope bias lift receivers in the mask, or push casters back in the maps. There
+        the slope is the rasteriser's, max(|gx|, |gy|) of the caster, down to half of |gx| + |gy|.
     constant_bias_texels, slope_bias : float
         Depth bias along the light, ``t * (constant + slope_bias * (|gx| + |gy|))`` [m] with t the
         larger texel side [m] and g the receiver's depth gradient; positive lightens.

@@ -210,6 +210,9 @@ void csm_settings_canonical_placement(csm_settings *settings);
 /* Kernel radius in texels that a fit must keep free around a window: 0 for hard. */
 int csm_settings_kernel_radius(const csm_settings *settings);
 
+/* Width of transitions as a share: blend_width, or 0 without blending. Of canonical settings. */
+double csm_settings_band(const csm_settings *settings);
+
 /* Coarsest level of filtered maps that is looked up: a window keeps its texel free at the rim. */
 #define CSM_MAX_LEVEL 4
 
@@ -244,14 +247,36 @@ double csm_settings_moment_bias(const csm_settings *settings);
 
 /* Effective biases in the terms of csm_bias (section 7), after bias = auto is resolved. */
 typedef struct csm_bias {
-    bool receiver_plane;         /* compare against the receiver's plane at each texel's centre */
-    double constant_texels;      /* times the larger texel side [m] */
-    double slope_texels;         /* times (|gx| + |gy|) * texel side [m] */
-    double normal_offset_texels; /* times texel side * sin(theta) [m] */
-    double quanta;               /* times the depth quantum of the format over the range [m] */
-    double roundings;            /* times the float32 rounding of the receiver's position [m] */
+    bool receiver_plane;           /* compare against the receiver's plane at each texel's centre */
+    double constant_texels;        /* times the larger texel side [m] */
+    double slope_texels;           /* times (|gx| + |gy|) * texel side [m] */
+    double normal_offset_texels;   /* times texel side * sin(theta) [m] */
+    double caster_constant_texels; /* the first two, but casters are pushed back in the map */
+    double caster_slope_texels;    /* times the steepest of |gx|, |gy| along its own side */
+    double quanta;                 /* times the depth quantum of the format over the range [m] */
+    double roundings;              /* times the float32 rounding of the receiver's position [m] */
 } csm_bias;
 csm_bias csm_settings_bias(const csm_settings *settings);
+
+/* Texels along an axis from a receiver to the farthest centre of a texel that its filter takes. */
+double csm_settings_reach(const csm_settings *settings);
+
+/* The same biases as lengths [m] along the light, of one cascade; under a warp at its centre. Under
+ * bias = auto every receiver's own float32 rounding comes on top (docs/numerics.md 11). */
+typedef struct csm_bias_metres {
+    bool on_casters; /* constant and slope push casters back instead of lifting receivers */
+    bool receiver_plane;
+    double texel;         /* larger side */
+    double quantum;       /* of the stored depth */
+    double constant;      /* at any slope */
+    double slope;         /* times |gx| + |gy|; on casters times the larger of both */
+    double normal_offset; /* of a surface parallel to the light; times sin(theta) */
+    double needed_constant, needed_slope; /* the least without acne on a plane, on the receiver */
+} csm_bias_metres;
+
+/* Of canonical settings; depth_range as csm_cascades. */
+csm_bias_metres csm_bias_in_metres(const csm_settings *settings, const double clip_from_light[16],
+                                   int map_size, const double depth_range[2]);
 
 /* Depth quantum of a format as a share of the depth range (docs/numerics.md 11): 1/65535 for D16,
  * 2^-24 for the others. */
@@ -559,6 +584,7 @@ typedef struct csm_item {
     double bounds[6]; /* world, {min, max} */
     uint32_t chunk;
     uint32_t instance; /* row of csm_geometry.instances */
+    bool mirrored;     /* by its instance: the corners of front faces run the other way round */
 } csm_item;
 
 /* Meshes that occur once are baked to origin-relative positions under instance 0, the identity;
@@ -618,19 +644,22 @@ typedef struct csm_cull_volume {
 } csm_cull_volume;
 
 /* Volume of cascade i: with selection by interval the frustum of its slice, else from its slice on;
- window alone when whole_window is true (receivers outside the picture).
+ * window alone when whole_window is true (receivers outside the picture). band is the share of half
+ * a map, under selection by interval of a slice, over which finer cascades blend into this one: it
+ * is looked up for their receivers too; 0: they do not.
  * margin_texels: how far from its receiver a lookup may reach (kernel radius, normal offset); one
  * texel for texel centres and rounding comes on top. An empty window where nothing is seen. */
 void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_camera *camera,
-                          int select, double margin_texels, bool whole_window,
+                          int select, double band, double margin_texels, bool whole_window,
                           csm_cull_volume *out);
 
 /* Exclusive culling: leaves out what lies wholly inside the window of one finer cascade, less
- * border_texels of its own (where the finer map does not answer) and less what a lookup in the
- * coarser map may reach from outside. Selection must be by window, not by depth. A finer cascade
- * whose depth range does not hold the coarser one's is no reason to leave anything out. */
+ * border_texels of its own (where the finer map does not answer), less band times half its side
+ * (where it does not answer alone) and less what a lookup in the coarser map may reach from there.
+ * Selection must be by window, not by depth. A finer cascade whose depth range does not hold the
+ * coarser one's is no reason to leave anything out. */
 void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double border_texels,
-                             csm_cull_volume *volume);
+                             double band, csm_cull_volume *volume);
 
 /* False only if no caster inside the world box can shadow a receiver of the volume, whatever the
  * finer maps answer for. */
@@ -873,9 +902,17 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
 /* Visibility of points in the maps of the last render; maps that were culled to the picture are
  * drawn whole first, for which that render's scene must still be there. NULL outputs are not
  * wanted. */
-csm_status csm_renderer_visibility(csm_renderer *renderer, const double *points,
-                                   const double *normals, size_t count, float *out_mask,
-                                   uint8_t *out_cascade, float *out_blend_weight, csm_error *err);
+typedef struct csm_visibility_desc {
+    const double *points;  /* point_count x 3 world */
+    const double *normals; /* point_count x 3, of unit length, or NULL: unknown */
+    size_t point_count;
+    csm_stop_callback stop;
+    void *stop_user;
+} csm_visibility_desc;
+
+csm_status csm_renderer_visibility(csm_renderer *renderer, const csm_visibility_desc *desc,
+                                   float *out_mask, uint8_t *out_cascade, float *out_blend_weight,
+                                   csm_error *err);
 
 /* Messages of the driver since the last drain, oldest first. */
 void csm_renderer_drain_messages(csm_renderer *renderer, csm_message_callback callback, void *user);

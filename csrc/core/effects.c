@@ -282,6 +282,10 @@ void csm_settings_canonical(csm_settings *settings) {
     }
 }
 
+double csm_settings_band(const csm_settings *settings) {
+    return settings->effects[CSM_EFFECT_BLEND] == CSM_BLEND_NONE ? 0.0 : settings->blend_width;
+}
+
 double csm_depth_quantum(int depth_format) {
     /* 32F holds [0.5, 1) in steps of 2^-24, the same as 24 bits over the whole range */
     return depth_format == CSM_DEPTH_D16 ? 1.0 / 65535.0 : ldexp(1.0, -24);
@@ -290,11 +294,14 @@ double csm_depth_quantum(int depth_format) {
 csm_bias csm_settings_bias(const csm_settings *settings) {
     const int *effects = settings->effects;
     if (effects[CSM_EFFECT_BIAS] == CSM_BIAS_MANUAL) {
+        const bool casters = effects[CSM_EFFECT_BIAS_SIDE] == CSM_BIAS_CASTER;
         return (csm_bias){
             .receiver_plane = effects[CSM_EFFECT_RECEIVER_PLANE] != 0,
-            .constant_texels = settings->constant_bias_texels,
-            .slope_texels = settings->slope_bias,
+            .constant_texels = casters ? 0.0 : settings->constant_bias_texels,
+            .slope_texels = casters ? 0.0 : settings->slope_bias,
             .normal_offset_texels = settings->normal_offset_texels,
+            .caster_constant_texels = casters ? settings->constant_bias_texels : 0.0,
+            .caster_slope_texels = casters ? settings->slope_bias : 0.0,
         };
     }
     /* docs/numerics.md 11: at the fetched texel's centre the receiver's plane is exact but for half

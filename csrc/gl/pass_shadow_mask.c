@@ -70,16 +70,20 @@ int csm_bind_map(csm_frame *frame, int cascade) {
     return maps->wanted.kind == CSM_TEXTURE_ARRAY && maps->wanted.layers == 1 ? 0 : cascade;
 }
 
-void csm_mask_bind_inputs(csm_frame *frame) {
+void csm_bind_looked_up(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const GLuint moments = renderer->targets[CSM_TARGET_MOMENTS].texture;
-    csm_bind_view_inputs(frame);
     csm_bind_maps(frame);
     gl->BindTextureUnit(UNIT_MOMENTS, moments);
     gl->BindSampler(UNIT_MOMENTS, frame->moments.kind == CSM_LOOKS_AT_MOMENTS
                                       ? renderer->moments_sampler
                                       : renderer->nearest_sampler);
+}
+
+void csm_mask_bind_inputs(csm_frame *frame) {
+    csm_bind_view_inputs(frame);
+    csm_bind_looked_up(frame);
 }
 
 void csm_mask_set_image(csm_frame *frame, int first, int points) {
@@ -203,7 +207,7 @@ static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *e
     }
     for (size_t i = 0; i < 3 * desc->point_count; i++) {
         float *out = mapped + 6 * (i / 3) + i % 3;
-        out[0] = (float)(desc->points[i] - desc->scene->origin[i % 3]);
+        out[0] = (float)(desc->points[i] - frame->origin[i % 3]);
         out[3] = desc->point_normals ? (float)desc->point_normals[i] : 0.0f;
     }
     gl->UnmapNamedBuffer(renderer->points_in);
@@ -227,7 +231,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
     if (status != CSM_OK || !count) {
         return status;
     }
-    csm_mask_bind_inputs(frame);
+    csm_bind_looked_up(frame);
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_POINTS, renderer->points_in, 0, in_bytes);
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_OUTPUT + CSM_BUFFER_POINTS,
                         renderer->buffers[CSM_BUFFER_POINTS].name, 0, (GLsizeiptr)out_bytes);

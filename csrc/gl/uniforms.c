@@ -47,7 +47,7 @@ static void write_view(const csm_camera *camera, csm_frame_uniforms *uniforms) {
 static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
                           csm_frame_uniforms *uniforms) {
     const csm_cascades *cascades = &frame->out->cascades;
-    const double *origin = frame->desc->scene->origin;
+    const double *origin = frame->origin;
     const double *light = cascades->light_from_world[i];
     const double *clip = cascades->clip_from_light[i];
     const double *texel = cascades->texel_size[i];
@@ -119,7 +119,7 @@ static void write_filter(const csm_frame *frame, csm_frame_uniforms *uniforms) {
     const double fade = settings->fade_width * (last - cascades->splits[0]);
     double exponents[2];
     csm_settings_exponents(settings, exponents);
-    to_floats((const double[4]){settings->blend_width, last - fade, fade > 0.0 ? 1.0 / fade : 0.0,
+    to_floats((const double[4]){settings->blend_width, last, fade > 0.0 ? 1.0 / fade : 0.0,
                                 tan(0.5 * frame->desc->angular_diameter)},
               4, uniforms->blend);
     to_floats((const double[4]){exponents[0], exponents[1], csm_settings_least_variance(settings),
@@ -135,7 +135,7 @@ void csm_frame_write_view(csm_frame *frame) {
     csm_frame_uniforms *uniforms = &frame->uniforms;
     memset(uniforms, 0, sizeof *uniforms);
     for (int axis = 0; axis < 3; axis++) {
-        double eye = desc->camera.eye[axis] - desc->scene->origin[axis];
+        double eye = desc->camera.eye[axis] - frame->origin[axis];
         /* volatile: GCC 12 at -O3 pairs x with y and leaves the rounding of both out, so that the
          * rest became 0 */
         volatile float high = (float)eye;
@@ -160,6 +160,7 @@ void csm_frame_write_light(csm_frame *frame) {
             uniforms->normal_from_origin[row][column] = (float)normals[row][column];
         }
     }
+    uniforms->view_centre[2] = (float)cascades->splits[0];
     for (int i = 0; i < cascades->count; i++) {
         uniforms->slope[i][2] = (float)cascades->splits[i + 1];
     }
@@ -195,7 +196,7 @@ void csm_frame_write_warps(const csm_frame *frame, csm_warp_uniforms *out) {
             double offset = -warp->origin[row], turned[2] = {0.0, 0.0};
             for (int axis = 0; axis < 3; axis++) {
                 const double here = light[4 * axis + row];
-                offset += here * (frame->desc->scene->origin[axis] - frame->desc->camera.eye[axis]);
+                offset += here * (frame->origin[axis] - frame->desc->camera.eye[axis]);
                 turned[0] += here * base[4 * axis];
                 turned[1] += here * base[4 * axis + 1];
             }

@@ -455,6 +455,53 @@ fail:
     return NULL;
 }
 
+PyDoc_STRVAR(visibility_doc,
+             "visibility(points, normals, mask, cascade_index, blend_weight)\n--\n\n"
+             "Fills the arrays with what the maps of the last render say.");
+
+static PyObject *renderer_visibility(PyObject *object, PyObject *args) {
+    PyObject *points, *normals, *mask, *cascade, *weight;
+    csm_renderer *renderer = open_renderer(object);
+    csm_error err = {0};
+    csm_status status;
+    if (!renderer ||
+        !PyArg_ParseTuple(args, "OOOOO:visibility", &points, &normals, &mask, &cascade, &weight)) {
+        return NULL;
+    }
+    PyArrayObject *point_rows = csm_py_rows(points, "points", NPY_DOUBLE, 3);
+    PyArrayObject *normal_rows = NULL;
+    PyObject *result = NULL;
+    bool ok = point_rows != NULL;
+    if (ok && normals != Py_None) {
+        normal_rows = csm_py_rows(normals, "normals", NPY_DOUBLE, 3);
+        ok = normal_rows != NULL;
+        if (ok && PyArray_DIM(normal_rows, 0) != PyArray_DIM(point_rows, 0)) {
+            PyErr_SetString(PyExc_ValueError, "normals must be as many as points");
+            ok = false;
+        }
+    }
+    if (ok) {
+        const npy_intp count = PyArray_DIM(point_rows, 0);
+        float *out_mask = array_data(mask, "mask", NPY_FLOAT32, count, &ok);
+        uint8_t *out_cascade = array_data(cascade, "cascade_index", NPY_UINT8, count, &ok);
+        float *out_weight = array_data(weight, "blend_weight", NPY_FLOAT32, count, &ok);
+        const csm_visibility_desc desc = {.points = PyArray_DATA(point_rows),
+                                          .normals = normal_rows ? PyArray_DATA(normal_rows) : NULL,
+                                          .point_count = (size_t)count,
+                                          .stop = signal_arrived};
+        if (ok) {
+            Py_BEGIN_ALLOW_THREADS
+            status =
+                csm_renderer_visibility(renderer, &desc, out_mask, out_cascade, out_weight, &err);
+            Py_END_ALLOW_THREADS
+            result = status == CSM_OK ? Py_NewRef(Py_None) : csm_py_raise(module_of(object), &err);
+        }
+    }
+    Py_XDECREF(point_rows);
+    Py_XDECREF(normal_rows);
+    return result;
+}
+
 static PyMethodDef renderer_methods[] = {
     {"close", renderer_close, METH_NOARGS,
      "close()\n--\n\nDestroys the context; again does nothing."},
@@ -468,6 +515,7 @@ static PyMethodDef renderer_methods[] = {
      "upload(meshes, instance_mesh, world_from_instance, origin)\n--\n\nA handle on a scene."},
     {"drop", renderer_drop, METH_O, "drop(scene)\n--\n\nFrees an uploaded scene."},
     {"render", renderer_render, METH_VARARGS, render_doc},
+    {"visibility", renderer_visibility, METH_VARARGS, visibility_doc},
     {NULL, NULL, 0, NULL},
 };
 

@@ -77,7 +77,7 @@ verdict receiver_verdict(receiver point)
     }
 #endif
 #if CSM_FADE
-    float left = clamp(1.0 - (point.view_depth - frame.blend.y) * frame.blend.z, 0.0, 1.0);
+    float left = clamp((frame.blend.y - point.view_depth) * frame.blend.z, 0.0, 1.0);
     found.visibility = 1.0 - (1.0 - found.visibility) * left;
 #endif
     if (found.cascade == no_cascade) {

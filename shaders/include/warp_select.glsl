@@ -16,6 +16,7 @@ struct candidate
     float constant_bias;
     float scale;   // depth per metre
     float largest; // by hand, biases take the larger side of the texel: its depth, else 0
+    bool in_range; // of the map's depths
 };
 
 // Derivatives of a map at a place: with clip (u, v), local (a, b) and w they are da/du = w / across.x,
@@ -37,10 +38,7 @@ warp_place warp_at(vec2 light_xy, int cascade)
     at.uv = clip.w > 0.0 ? clip.xy / clip.w : vec2(2.0);
     at.along = warp.rows[cascade].x - at.uv.y * growth;
     at.bend = (warp.across[cascade].y - at.uv.x * growth) / across;
-    vec4 metres = warp.metres[cascade];
-    float step = 2.0 / frame.centre[cascade].w;
-    at.texel = vec2(length(metres.xy) * at.w / across,
-                    length(metres.zw - at.bend * metres.xy) * at.w / at.along) * step;
+    at.texel = warp_texel(at.uv, at.w, cascade);
     return at;
 }
 
@@ -66,7 +64,7 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.z = depth / at.w;
     float step = 1.0 / here.centre.z; // clip units of a texel
     here.slope = vec4(metres.xy / across, (metres.zw - at.bend * metres.xy) / at.along) * step;
-    here.tilt = -here.z * growth / at.along * step;
+    here.tilt = warp_tilt(here.z, at.uv.y, cascade);
     here.scale = scale / at.w;
     here.constant_bias = frame.depth[cascade].z + warp.across[cascade].w * largest * here.scale;
     // a tilted depth feels that corners of casters are snapped, to 1/256 texel or better; where four texels are
@@ -74,8 +72,8 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     float tilted = CSM_RECEIVER_PLANE == 1 ? 1.0 / 128.0 : 1.0 + 1.0 / 128.0;
     here.constant_bias += frame.bias.w * abs(here.tilt) * tilted;
     here.largest = frame.slope[cascade].w > 0.0 ? largest * here.scale : 0.0;
-    bool inside = inside_window(here.texels, here.centre);
-    return inside && in_range;
+    here.in_range = in_range;
+    return inside_window(here.texels, here.centre) && in_range;
 }
 
 vec2 level_slope(candidate chosen)
