@@ -11,9 +11,9 @@ vec2 across_rays(vec2 offset)
 #if CSM_SKEWED
     // light x and y run askew: the part of a root of their Gram matrix
     vec3 x = frame.light_from_origin[0].xyz, y = frame.light_from_origin[1].xyz;
-    float side = length(x), shared = dot(x, y) / side;
-    float rest = sqrt(max(dot(y, y) - shared * shared, 0.0));
-    return vec2(side * offset.x, shared * offset.x + rest * offset.y);
+    float side = length(x), along = dot(x, y) / side;
+    float rest = sqrt(max(dot(y, y) - along * along, 0.0));
+    return vec2(side * offset.x, along * offset.x + rest * offset.y);
 #else
     return offset;
 #endif
@@ -29,21 +29,31 @@ vec2 texels_across(map_receiver at)
 #endif
 }
 
+// Texels to a place across the rays [m].
+vec2 texels_away(map_receiver at, vec2 place)
+{
+    vec2 away = across_rays(place) * at.density;
+#if CSM_SKEWED
+    away = clamp(away, -frame.width.x, frame.width.x); // limits hold along the rays' axes, not u and v
+#endif
+    return away;
+}
+
 // Mean distance of the blockers in the sun's cone [m]; negative if there are none.
-float blocker_distance(map_receiver at, vec2 turn, float radius, float texel)
+float blocker_distance(map_receiver at, inout vec2 turn, vec2 radius, float texel)
 {
     float sum = 0.0, count = 0.0;
     for (int i = -1; i < CSM_TAP_COUNT; i++) {
         vec2 place = i < 0 ? vec2(0.0) : disc_place(i, turn);
         place *= radius * length(place);
-        ivec2 offset = disc_texel(at, across_rays(place) * at.density);
+        ivec2 offset = disc_texel(at, texels_away(at, place));
         float stored = map_depth_at(at.cascade, at.texel + offset);
-        vec2 away = vec2(offset) + 0.5 - at.fraction;
-        float distance = (at.z + dot(at.level, away) - stored) / at.scale;
-        // a texel's neighbour may be the one whose edge is in the cone
-        bool in_cone = length(place) <= max(distance, 0.0) * frame.blend.w + texel;
+        float level = at.z + dot(at.level, vec2(offset) + 0.5 - at.fraction);
+        float metres = max(level - stored, 0.0) / at.scale;
+        // the texel that holds a tap may show an edge a texel away
+        bool in_cone = length(place) <= metres * frame.blend.w + texel;
         if (in_cone && !tap_lit(at, offset, stored)) {
-            sum += max(distance, 0.0);
+            sum += metres;
             count += 1.0;
         }
     }
@@ -53,19 +63,18 @@ float blocker_distance(map_receiver at, vec2 turn, float radius, float texel)
 float filter_visibility(map_receiver at)
 {
     vec2 texels = texels_across(at);
-    float widest = frame.width.x / max(texels.x, texels.y);
-    float texel = 1.0 / min(texels.x, texels.y);
+    vec2 widest = frame.width.x / texels;
     vec2 turn = disc_turn(at);
-    float farthest = max(at.z, 0.0) / at.scale;
-    float found = blocker_distance(at, turn, min(farthest * frame.blend.w, widest), texel);
+    vec2 radius = min(vec2(max(at.z, 0.0) / at.scale * frame.blend.w), widest);
+    float found = blocker_distance(at, turn, radius, 1.0 / min(texels.x, texels.y));
     if (found < 0.0) {
         return 1.0;
     }
-    float radius = min(found * frame.blend.w, widest);
+    radius = min(vec2(found * frame.blend.w), widest);
     float lit = 0.0;
     for (int i = 0; i < CSM_TAP_COUNT; i++) {
-        vec2 away = across_rays(radius * disc_place(i, turn)) * at.density;
-        lit += disc_tap_lit(at, disc_texel(at, away)) ? 1.0 : 0.0;
+        ivec2 offset = disc_texel(at, texels_away(at, radius * disc_place(i, turn)));
+        lit += disc_tap_lit(at, offset) ? 1.0 : 0.0;
     }
     return lit / float(CSM_TAP_COUNT);
 }
