@@ -3,7 +3,7 @@
 //
 // Blockers are looked for as far as the farthest possible one would throw a penumbra, more taps the nearer the middle,
 // and only those count that stand in the cone: the others hide nothing of the sun. Their mean distance gives the
-// radius of the disc that is filtered. filter_size limits both.
+// radius of the disc that is filtered. filter_size limits both, along u and along v.
 
 // An offset across the sun's rays [m], as one in light x, y.
 vec2 across_rays(vec2 offset)
@@ -39,20 +39,32 @@ vec2 texels_away(map_receiver at, vec2 place)
     return away;
 }
 
-// Mean distance of the blockers in the sun's cone [m]; negative if there are none.
-float blocker_distance(map_receiver at, inout vec2 turn, vec2 radius, float texel)
+// A blocker hides of the sun what is in its own disc. The map knows one distance a texel: what is seen of a slanted
+// wall farther down stands for its top, too, so filtering takes blockers within four discs, which holds for all
+// slopes up to 3/4 of the inverse tangent.
+const float discs_searched = 1.0, discs_filtered = 4.0;
+
+// Whether the texel at a place across the rays [m] holds a blocker whose disc, so many times as large, reaches the
+// receiver, and how far up the ray it lies [m].
+bool blocked(map_receiver at, vec2 place, float discs, out float metres)
 {
-    float sum = 0.0, count = 0.0;
+    ivec2 offset = disc_texel(at, texels_away(at, place));
+    float stored = map_depth_at(at.cascade, at.texel + offset);
+    float level = at.z + dot(at.level, vec2(offset) + 0.5 - at.fraction);
+    metres = max(level - stored, 0.0) / at.scale;
+    // the texel that holds a place may show an edge a texel away
+    vec2 texels = texels_across(at);
+    float texel = 1.0 / min(texels.x, texels.y);
+    return length(place) <= discs * metres * frame.blend.w + texel && !tap_lit(at, offset, stored);
+}
+
+// Mean distance of the blockers in the sun's cone [m]; negative if there are none.
+float blocker_distance(map_receiver at, inout vec2 turn, vec2 radius)
+{
+    float sum = 0.0, count = 0.0, metres;
     for (int i = -1; i < CSM_TAP_COUNT; i++) {
         vec2 place = i < 0 ? vec2(0.0) : disc_place(i, turn);
-        place *= radius * length(place);
-        ivec2 offset = disc_texel(at, texels_away(at, place));
-        float stored = map_depth_at(at.cascade, at.texel + offset);
-        float level = at.z + dot(at.level, vec2(offset) + 0.5 - at.fraction);
-        float metres = max(level - stored, 0.0) / at.scale;
-        // the texel that holds a tap may show an edge a texel away
-        bool in_cone = length(place) <= metres * frame.blend.w + texel;
-        if (in_cone && !tap_lit(at, offset, stored)) {
+        if (blocked(at, radius * length(place) * place, discs_searched, metres)) {
             sum += metres;
             count += 1.0;
         }
@@ -62,19 +74,17 @@ float blocker_distance(map_receiver at, inout vec2 turn, vec2 radius, float texe
 
 float filter_visibility(map_receiver at)
 {
-    vec2 texels = texels_across(at);
-    vec2 widest = frame.width.x / texels;
+    vec2 widest = frame.width.x / texels_across(at);
     vec2 turn = disc_turn(at);
-    vec2 radius = min(vec2(max(at.z, 0.0) / at.scale * frame.blend.w), widest);
-    float found = blocker_distance(at, turn, radius, 1.0 / min(texels.x, texels.y));
-    if (found < 0.0) {
+    float farthest = max(at.z, 0.0) / at.scale;
+    float mean = blocker_distance(at, turn, min(vec2(farthest * frame.blend.w), widest));
+    if (mean < 0.0) {
         return 1.0;
     }
-    radius = min(vec2(found * frame.blend.w), widest);
-    float lit = 0.0;
+    vec2 radius = min(vec2(mean * frame.blend.w), widest);
+    float lit = 0.0, metres;
     for (int i = 0; i < CSM_TAP_COUNT; i++) {
-        ivec2 offset = disc_texel(at, texels_away(at, radius * disc_place(i, turn)));
-        lit += disc_tap_lit(at, offset) ? 1.0 : 0.0;
+        lit += blocked(at, radius * disc_place(i, turn), discs_filtered, metres) ? 0.0 : 1.0;
     }
     return lit / float(CSM_TAP_COUNT);
 }
