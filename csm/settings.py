@@ -141,7 +141,7 @@ class ShadowSettings:
     filter_weights : {"box", "bilinear", "tent", "gaussian"}
         Weights of pcf's kernel and of the blur. ``"box"`` is centred on the texel that holds the
         point, the others on the point itself; ``"bilinear"`` is a mean of bilinear lookups, a box
-        narrower by a texel; ``"gaussian"`` ends at two standard deviations.
+        narrower by a texel; ``"gaussian"`` ends at two standard deviations, where it is 0.
     filter_fetch : {"gather", "taps"}
         pcf: depths come four at a time, or one by one; the same mask.
     kernel : {"texels", "world", "screen"}
@@ -150,10 +150,11 @@ class ShadowSettings:
         at the receiver's depth, again never more texels than `filter_size`. A blurred map has one
         kernel for all pixels, so ``"screen"`` means ``"texels"`` there.
     disc : {"poisson", "vogel"}
-        How taps of poisson and pcss lie in their disc: a fixed set of points kept apart, or
-        Vogel's spiral.
+        How taps of poisson and pcss lie in their disc: a fixed set of points kept apart
+        [Mitchell1991]_, or Vogel's spiral [Vogel1979]_.
     tap_count : int
-        Taps in the disc, 1 to 64; those of disc poisson are 8 or 16.
+        Taps in the disc, 1 to 64; those of disc poisson are 8 or 16. pcss takes as many for its
+        search and one more.
     rotated : bool
         The disc is turned from pixel to pixel by interleaved gradient noise [Jimenez2014]_.
     pcss_map : {"depth", "variance", "summed"}
