@@ -251,6 +251,10 @@ class ShadowSettings:
        doi:10.1145/1187112.1187153
     .. [Yang2010] Yang, Dong, Feng, Seidel, Kautz: Variance soft shadow mapping. Pacific Graphics
        2010. doi:10.1111/j.1467-8659.2010.01800.x
+    .. [Mitchell1991] Mitchell: Spectrally optimal sampling for distribution ray tracing. SIGGRAPH
+       1991. doi:10.1145/122718.122736
+    .. [Vogel1979] Vogel: A better way to construct the sunflower head. Mathematical Biosciences
+       44(3-4), 1979. doi:10.1016/0025-5564(79)90080-4
     .. [Jimenez2014] Jimenez: Next generation post processing in Call of Duty: Advanced Warfare.
        SIGGRAPH 2014 course.
 
