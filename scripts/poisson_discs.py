@@ -1,10 +1,13 @@
 """Poisson discs of shaders/include/disc.glsl: ``python -m scripts.poisson_discs`` prints them.
 
-Points kept apart in the unit disc by best candidate [Mitchell1991]: each new one is the farthest from
-its neighbours of many drawn at random. Of many such sets the one with the largest least distance is
-kept. It is moved to the centroid and stretched to the variances of the disc, 0 and 1/4 along every
-direction, so that an edge seen through few taps lies where it does through the disc, and is as wide.
+Points kept apart in the unit disc by best candidate [Mitchell1991]: each new one is the farthest
+from its neighbours of many drawn at random. Of many such sets the one with the largest least
+distance is kept. It is moved to the centroid and stretched to the variances of the disc, 0 and 1/4
+along every direction, so that an edge seen through few taps lies where it does through the disc,
+and is as wide.
 """
+
+import functools
 
 import numpy as np
 
@@ -36,6 +39,7 @@ def least_distance(points):
     return gaps[~np.eye(len(points), dtype=bool)].min()
 
 
+@functools.cache
 def disc(count):
     """(count, 2) float64 points, rounded as they are printed, the innermost first."""
     rng = np.random.default_rng(count)

@@ -1,10 +1,11 @@
 """Texels that a filter compares for each receiver and how much each counts, in doubles: weights as
 areas and densities, discs from the script that made them, noise from its own formula
-(docs/numerics.md 26)."""
+(docs/numerics.md 32)."""
 
 from dataclasses import dataclass
 
 import numpy as np
+
 from scripts import poisson_discs
 
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))

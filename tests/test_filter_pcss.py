@@ -1,5 +1,5 @@
 """Soft shadows of a sun disc: penumbrae as wide as rays have them, hard where nothing is between
-(docs/numerics.md 26)."""
+(docs/numerics.md 32)."""
 
 import numpy as np
 import pytest
@@ -34,7 +34,7 @@ def profiles(renderer, kind, distance, sun_deg=SUN_DEG, **changes):
     up = (0, 0, -1) if kind == "wall" else (1, 0, 0)  # columns run across the edge
     half = max(3.0 * distance * np.tan(np.radians(0.5 * SUN_DEG)), 0.1)
     camera = csm.Camera.orthographic(
-        edge + [0, 10, 0], edge, up=up, height=2.0 * half, near=7, far=13, size=(96, 96)
+        edge + np.array([0, 10, 0]), edge, up=up, height=2.0 * half, near=7, far=13, size=(96, 96)
     )
     settings = csm.ShadowSettings(cascade_count=1, map_size=1024, view_range="camera")
     settings = settings.replace(**CONVERGED).replace(**changes)
@@ -127,7 +127,7 @@ def test_a_low_edge_before_a_high_one_darkens_only_its_own_penumbra(renderer):
     tall = shapes.box((foot - 0.01, 0, -6), (foot + 0.01, np.sqrt(0.5) * high, 6))
     scene = scene.merge(csm.Scene([shapes.mesh("tall", tall)]))
     camera = csm.Camera.orthographic(
-        edge + [0, 10, 0], edge, up=(0, 0, -1), height=0.8, near=7, far=13, size=(96, 96)
+        edge + np.array([0, 10, 0]), edge, up=(0, 0, -1), height=0.8, near=7, far=13, size=(96, 96)
     )
     settings = csm.ShadowSettings(cascade_count=1, map_size=1024, view_range="camera", **CONVERGED)
     sun = csm.Sun.from_angles(90.0, 45.0, angular_diameter_deg=SUN_DEG)

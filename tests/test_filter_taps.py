@@ -1,5 +1,5 @@
 """Filters that compare depths: kernels of every weight, width and fetch, discs of taps, against the
-same compares in doubles (docs/numerics.md 26). PCSS: test_filter_pcss.py."""
+same compares in doubles (docs/numerics.md 32). PCSS: test_filter_pcss.py."""
 
 import re
 from pathlib import Path
@@ -9,11 +9,11 @@ import mask_oracle
 import numpy as np
 import pytest
 import small_scenes
-from scripts import poisson_discs
 from test_bias import AZIMUTHS, Plane
 from test_shadow_mask import OUTPUTS, SIZE, assert_mask_matches
 
 import csm
+from scripts import poisson_discs
 
 WEIGHTS = ("box", "bilinear", "tent", "gaussian")
 SELECTS = ("map", "interval", "frustum")
@@ -241,7 +241,7 @@ def disc_mean(frame, i, positions, normals, scale, radius=64):
         texel = np.floor(at.texel + 0.5 * frame.settings.filter_size * place)
         depth = at.depth - at.bias + (at.slope * (texel + 0.5 - at.texel)).sum(axis=1)
         u, v = np.clip(texel, 0, len(stored) - 1).astype(int).T
-        lit += (np.minimum(depth, 1.0) <= stored[v, u])
+        lit += np.minimum(depth, 1.0) <= stored[v, u]
         count += 1
     return lit / count
 
@@ -298,7 +298,9 @@ KERNELS = [
 
 
 @pytest.mark.parametrize("depth_format", mask_oracle.QUANTUM)
-@pytest.mark.parametrize("changes", KERNELS, ids=lambda changes: "-".join(map(str, changes.values())))
+@pytest.mark.parametrize(
+    "changes", KERNELS, ids=lambda changes: "-".join(map(str, changes.values()))
+)
 def test_d1_kernels_of_any_shape_leave_no_acne(figure, renderer, changes, depth_format):
     # The receiver's plane at the centre of the texel that is fetched, whatever the kernel's reach.
     worst = 0.0
