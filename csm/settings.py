@@ -143,7 +143,7 @@ class ShadowSettings:
     filter_weights : {"box", "bilinear", "tent", "gaussian"}
         Weights of pcf's kernel and of the blur. ``"box"`` is centred on the texel that holds the
         point, the others on the point itself; ``"bilinear"`` is a mean of bilinear lookups, a box
-        narrower by a texel; ``"gaussian"`` ends at two standard deviations.
+        narrower by a texel; ``"gaussian"`` ends at two standard deviations, where it is 0.
     filter_fetch : {"gather", "taps"}
         pcf: depths come four at a time, or one by one; the same mask.
     kernel : {"texels", "world", "screen"}
@@ -152,10 +152,11 @@ class ShadowSettings:
         at the receiver's depth, again never more texels than `filter_size`. A blurred map has one
         kernel for all pixels, so ``"screen"`` means ``"texels"`` there.
     disc : {"poisson", "vogel"}
-        How taps of poisson and pcss lie in their disc: a fixed set of points kept apart, or
-        Vogel's spiral.
+        How taps of poisson and pcss lie in their disc: a fixed set of points kept apart
+        [Mitchell1991]_, or Vogel's spiral [Vogel1979]_.
     tap_count : int
-        Taps in the disc, 1 to 64; those of disc poisson are 8 or 16.
+        Taps in the disc, 1 to 64; those of disc poisson are 8 or 16. pcss takes as many for its
+        search and one more.
     rotated : bool
         The disc is turned from pixel to pixel by interleaved gradient noise [Jimenez2014]_.
     pcss_map : {"depth", "variance", "summed"}
@@ -254,6 +255,10 @@ class ShadowSettings:
        doi:10.1145/1187112.1187153
     .. [Yang2010] Yang, Dong, Feng, Seidel, Kautz: Variance soft shadow mapping. Pacific Graphics
        2010. doi:10.1111/j.1467-8659.2010.01800.x
+    .. [Mitchell1991] Mitchell: Spectrally optimal sampling for distribution ray tracing. SIGGRAPH
+       1991. doi:10.1145/122718.122736
+    .. [Vogel1979] Vogel: A better way to construct the sunflower head. Mathematical Biosciences
+       44(3-4), 1979. doi:10.1016/0025-5564(79)90080-4
     .. [Jimenez2014] Jimenez: Next generation post processing in Call of Duty: Advanced Warfare.
        SIGGRAPH 2014 course.
 

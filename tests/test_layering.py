@@ -160,7 +160,7 @@ def test_shader_words_are_effects(path):
 @pytest.mark.parametrize("path", relative(SHADERS.glob("include/filter_*.glsl")))
 def test_filter_reads_only_its_own_effects(path):
     text = without_comments(path.read_text())
-    assert "CSM_FILTER" not in re.sub(r"\bCSM_FILTER_SIZE\b", "", text)
+    assert "CSM_FILTER" not in re.sub(r"\bCSM_FILTER_(SIZE|WEIGHTS|FETCH)", "", text)
 
 
 def test_two_shaders_choose_the_filter():

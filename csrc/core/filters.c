@@ -233,6 +233,14 @@ void csm_filter_validate(const csm_settings *settings, csm_error *err) {
     if (size % 2 == 0 && (size != 2 || !(filter == CSM_FILTER_PCF || !filters[filter].has))) {
         csm_fail_more(err, "filter_size must be odd, or for pcf 2 (got %d)", size);
     }
+    const bool in_disc = filters[filter].has & HAS_DISC && kind_of(settings) == CSM_LOOKS_AT_DEPTHS;
+    const int taps = effects[CSM_EFFECT_TAP_COUNT];
+    if (in_disc && effects[CSM_EFFECT_DISC] == CSM_DISC_POISSON && taps != 8 && taps != 16) {
+        csm_fail_more(err,
+                      "tap_count must be 8 or 16 with disc poisson (got %d); disc vogel takes "
+                      "any number",
+                      taps);
+    }
     if (samples != 1 && samples != 2 && samples != 4 && samples != 8) {
         csm_fail_more(err, "samples must be 1, 2, 4 or 8 (got %d)", samples);
     }

@@ -191,8 +191,10 @@ typedef struct csm_frame_uniforms {
     float view_centre[4];               /* x, y of the picture's centre, in the units of view.xy;
                                            view depth of the first split */
     int32_t place[CSM_MAX_CASCADES][4]; /* x, y of the map in what holds it [texels]; layer */
-    float kernel[CSM_MAX_CASCADES][4];  /* half width [texels]; the same per metre of view depth
-                                           where it is constant on screen; depth range [m] */
+    float kernel[CSM_MAX_CASCADES][4];  /* half width in x, y [texels]; depth range [m]; texels
+                                           per metre */
+    float width[4];   /* half of filter_size [texels]; half width [m], and a part of it per metre
+                         of view depth; least half width [texels] */
     float blend[4];   /* share of half a map; depth where shadows end; 1 / width of the fade;
                          tangent of the sun's angular radius */
     float moments[4]; /* exponents of the positive and negative warp; least variance; bias */
@@ -200,7 +202,7 @@ typedef struct csm_frame_uniforms {
 } csm_frame_uniforms;
 
 _Static_assert(sizeof(csm_frame_uniforms) ==
-                   16 * (3 + 2 + 3 + 1 + 4 + 3 + 3 + 1 + 3) + 8 * 16 * CSM_MAX_CASCADES,
+                   16 * (3 + 2 + 3 + 1 + 4 + 3 + 3 + 1 + 4) + 8 * 16 * CSM_MAX_CASCADES,
                "std140 of frame.glsl has no padding");
 
 /* The block of shaders/include/warp.glsl, there only under a warp. */

@@ -15,6 +15,7 @@ struct candidate
     float constant_bias;
     float scale;   // depth per metre
     bool in_range; // of the map's depths
+    vec2 density;  // texels per metre
 };
 
 // False if the kernel would leave the map or the depth range.
@@ -28,6 +29,7 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.slope = frame.slope[cascade].xyw;
     here.constant_bias = frame.depth[cascade].z;
     here.scale = -frame.depth[cascade].x;
+    here.density = frame.window[cascade].xy;
     bool inside = inside_window(here.texels, here.centre);
 #if CSM_NORMAL_OFFSET
     // an offset may lift what lies at the range's near end out of it: the surface itself decides
@@ -164,6 +166,9 @@ map_receiver in_map(receiver point, candidate chosen)
 #else
     at.slope = level_slope(chosen);
 #endif
+    at.level = level_slope(chosen);
+    at.density = chosen.density;
+    at.scale = chosen.scale;
     at.noise = point.noise;
     at.view_depth = point.view_depth;
     return at;

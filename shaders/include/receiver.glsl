@@ -29,6 +29,9 @@ struct map_receiver
     vec2 fraction;  // where in the texel, 0 to 1
     float z;        // depth, bias subtracted
     vec2 slope;     // change of depth per texel on the receiver's plane; zero unless receiver_plane
+    vec2 level;     // the same at one distance from the light; zero unless warped
+    vec2 density;   // texels per metre along u, v
+    float scale;    // depth per metre
     float noise;    // of the receiver
     float view_depth;
 };

@@ -16,19 +16,29 @@ struct verdict
 #include "include/cascade_select.glsl"
 
 // An include is resolved once, whatever #if surrounds it: what several filters share stands here.
+#include "include/kernel.glsl"
 #if CSM_PREFILTERED
 #include "include/moments_lookup.glsl"
 #include "include/chebyshev.glsl"
 #else
 #include "include/shadow_storage.glsl"
+#include "include/tap.glsl"
+#endif
+#if CSM_FILTER == CSM_FILTER_POISSON || CSM_FILTER == CSM_FILTER_PCSS && CSM_PCSS_MAP == CSM_PCSS_MAP_DEPTH
+#include "include/disc.glsl"
 #endif
 
 #if CSM_FILTER == CSM_FILTER_HARD
 #include "include/filter_hard.glsl"
 #elif CSM_FILTER == CSM_FILTER_PCF
+#include "include/weights.glsl"
 #include "include/filter_pcf.glsl"
+#elif CSM_FILTER == CSM_FILTER_POISSON
+#include "include/filter_poisson.glsl"
 #elif CSM_FILTER == CSM_FILTER_VSM
 #include "include/filter_vsm.glsl"
+#elif CSM_FILTER == CSM_FILTER_PCSS && CSM_PCSS_MAP == CSM_PCSS_MAP_DEPTH
+#include "include/filter_pcss.glsl"
 #endif
 
 float map_visibility(map_receiver at)

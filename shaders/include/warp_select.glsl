@@ -15,6 +15,7 @@ struct candidate
     float tilt;    // depth per texel in v at one distance from the light
     float constant_bias;
     float scale;   // depth per metre
+    vec2 density;  // texels per metre
     float largest; // by hand, biases take the larger side of the texel: its depth, else 0
     bool in_range; // of the map's depths
 };
@@ -66,6 +67,7 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.slope = vec4(metres.xy / across, (metres.zw - at.bend * metres.xy) / at.along) * step;
     here.tilt = warp_tilt(here.z, at.uv.y, cascade);
     here.scale = scale / at.w;
+    here.density = 1.0 / at.texel;
     here.constant_bias = frame.depth[cascade].z + warp.across[cascade].w * largest * here.scale;
     // a tilted depth feels that corners of casters are snapped, to 1/256 texel or better; where four texels are
     // compared with one depth it differs from texel to texel
