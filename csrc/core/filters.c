@@ -65,6 +65,11 @@ bool csm_filter_follows_plane(const csm_settings *settings) {
            settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_EVSM4;
 }
 
+static bool logarithmic(const csm_settings *settings) {
+    return settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_ESM &&
+           settings->effects[CSM_EFFECT_LOG_FILTER];
+}
+
 static int slices_of(const csm_settings *settings) {
     switch (settings->effects[CSM_EFFECT_FILTER]) {
     case CSM_FILTER_LVSM:
@@ -117,7 +122,7 @@ csm_moments csm_settings_moments(const csm_settings *settings) {
 
 int csm_settings_kernel_radius(const csm_settings *settings) {
     const int size = settings->effects[CSM_EFFECT_FILTER_SIZE];
-    const int lookup = settings->effects[CSM_EFFECT_LOOKUP];
+    const bool levels = settings->effects[CSM_EFFECT_LOOKUP] != CSM_LOOKUP_BILINEAR;
     switch (settings->effects[CSM_EFFECT_FILTER]) {
     case CSM_FILTER_HARD:
     case CSM_FILTER_NONE:
@@ -130,7 +135,7 @@ int csm_settings_kernel_radius(const csm_settings *settings) {
         return (size + 1) / 2;
     default: /* blurred, then looked up between texels; a coarser level reaches as far as its texel
               */
-        return size / 2 + 1 + (lookup == CSM_LOOKUP_BILINEAR ? 0 : 1 << CSM_MAX_LEVEL);
+        return size / 2 + 1 + (levels && !logarithmic(settings) ? 1 << CSM_MAX_LEVEL : 0);
     }
 }
 
@@ -155,11 +160,6 @@ static bool exponential(int filter) {
     return filter == CSM_FILTER_EVSM2 || filter == CSM_FILTER_EVSM4 || filter == CSM_FILTER_ESM;
 }
 
-static bool logarithmic(const csm_settings *settings) {
-    return settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_ESM &&
-           settings->effects[CSM_EFFECT_LOG_FILTER];
-}
-
 double csm_exponent_limit(const csm_settings *settings) {
     if (logarithmic(settings)) {
         return INFINITY;
@@ -174,16 +174,6 @@ double csm_exponent_limit(const csm_settings *settings) {
     return floor(100.0 * (squared ? 0.5 * largest : largest)) / 100.0;
 }
 
-void csm_settings_exponents(const csm_settings *settings, double out[2]) {
-    csm_settings limited = *settings; /* logarithms have no limit: as sharp as float32 would be */
-    if (logarithmic(settings)) {
-        limited.effects[CSM_EFFECT_LOG_FILTER] = 0;
-        limited.effects[CSM_EFFECT_MOMENT_FORMAT] = CSM_MOMENTS_FLOAT32;
-    }
-    out[0] = settings->exponent > 0.0 ? settings->exponent : 0.9 * csm_exponent_limit(&limited);
-    out[1] = settings->negative_exponent > 0.0 ? settings->negative_exponent : out[0];
-}
-
 /* How often moments are rounded on their way: when they are made, by either half of the blur, by
  * every level, and by the lookup between texels. */
 static double times_rounded(const csm_settings *settings) {
@@ -191,7 +181,8 @@ static double times_rounded(const csm_settings *settings) {
     return 2.0 + (moments.blurred ? 2.0 : 0.0) + (moments.mipmapped ? CSM_MAX_LEVEL : 0.0);
 }
 
-/* Rounding of a number: of floats a share of it, of unorm16 and sums a share of the range. */
+/* Rounding of a number: of floats a share of it, of unorm16 and sums a share of the range. Drivers
+ * may cut off what 16 bits do not hold instead of rounding it (llvmpipe does): a whole unit. */
 static double format_rounding(const csm_settings *settings) {
     const csm_moments moments = csm_settings_moments(settings);
     if (moments.kind == CSM_LOOKS_AT_SUMS) {
@@ -199,13 +190,15 @@ static double format_rounding(const csm_settings *settings) {
     }
     switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
     case CSM_MOMENTS_FLOAT16: {
+        const int filter = settings->effects[CSM_EFFECT_FILTER];
+        if (!exponential(filter) || filter == CSM_FILTER_ESM) {
+            return ldexp(1.0, -10);
+        }
         double exponents[2];
         csm_settings_exponents(settings, exponents);
         /* steps no longer shrink below 2^-14, where squares of the nearest depths may lie */
-        const bool squared = exponential(settings->effects[CSM_EFFECT_FILTER]) &&
-                             settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_ESM;
-        const double smallest = squared ? exp(-2.0 * fmax(exponents[0], exponents[1])) : 1.0;
-        return fmax(ldexp(1.0, -11), ldexp(1.0, -25) / smallest);
+        const double smallest = exp(-2.0 * fmax(exponents[0], exponents[1]));
+        return fmax(ldexp(1.0, -10), ldexp(1.0, -24) / smallest);
     }
     case CSM_MOMENTS_UNORM16:
         return 0.5 / 65535.0;
@@ -236,15 +229,30 @@ double csm_settings_mean_rounding(const csm_settings *settings) {
         return 0.0;
     }
     const double rounding = format_rounding(settings) * times_rounded(settings);
-    double exponents[2];
-    csm_settings_exponents(settings, exponents);
     if (logarithmic(settings) || !exponential(effects[CSM_EFFECT_FILTER])) {
         const bool floats = effects[CSM_EFFECT_MOMENT_FORMAT] != CSM_MOMENTS_UNORM16;
         return (floats ? 0.5 : 1.0) * rounding; /* floats: of a centred depth */
     }
+    double exponents[2];
+    csm_settings_exponents(settings, exponents);
     /* d exp(c z) / exp(c z) = c dz; warps of evsm run from -1 to 1 */
     return rounding / ((effects[CSM_EFFECT_FILTER] == CSM_FILTER_ESM ? 1.0 : 2.0) *
                        fmin(exponents[0], exponents[1]));
+}
+
+/* Measured to lose least on made scenes (docs/numerics.md 27); a logarithm that is off by less than
+ * 1/20 keeps light right to 5 %. */
+#define LOG_EXPONENT 640.0
+#define LOG_ROUNDING 0.05
+
+void csm_settings_exponents(const csm_settings *settings, double out[2]) {
+    out[0] = settings->exponent;
+    if (out[0] == 0.0) {
+        out[0] = logarithmic(settings)
+                     ? fmin(LOG_EXPONENT, LOG_ROUNDING / csm_settings_mean_rounding(settings))
+                     : 0.9 * csm_exponent_limit(settings);
+    }
+    out[1] = settings->negative_exponent > 0.0 ? settings->negative_exponent : out[0];
 }
 
 double csm_settings_moment_bias(const csm_settings *settings) {
