@@ -16,7 +16,6 @@ EPS = {"float32": 2.0**-24, "float16": 2.0**-10}  # of the number; 16 bits may b
 LARGEST = {"float32": 3.4028e38, "float16": 65504.0}
 STEP = 1.0 / 65535.0
 EXPONENTIAL = ("evsm2", "evsm4", "esm")
-LAYER = 1.5  # length of a layer over the distance at which layers begin
 
 
 # -- kernels ---------------------------------------------------------------------------------------
@@ -97,6 +96,8 @@ def least_variance(settings):
 def mean_rounding(settings):
     """Depth by which a stored mean may be off."""
     u = rounding(settings) * roundings(settings)
+    if settings.filter == "lvsm":
+        u *= min(2.0 / settings.layer_count, 1.0)
     if settings.moment_format == "unorm16":
         return u
     if settings.filter in EXPONENTIAL and not settings.log_filter:
@@ -107,11 +108,16 @@ def mean_rounding(settings):
 # -- moments ---------------------------------------------------------------------------------------
 
 
+def layer_ends(settings, i):
+    """Depths where layer i begins and ends: its part of the range and half a part either way."""
+    count = settings.layer_count
+    return max((i - 0.5) / count, 0.0), min((i + 1.5) / count, 1.0)
+
+
 def layer(settings, depth, i):
     """Depth in layer i, 0 to 1."""
-    count = settings.layer_count
-    length = (1.0 if i == count - 1 else LAYER) / count
-    return np.clip((depth - i / count) / length, 0.0, 1.0)
+    begin, end = layer_ends(settings, i)
+    return np.clip((depth - begin) / (end - begin), 0.0, 1.0)
 
 
 def pair(settings, depth):

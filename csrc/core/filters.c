@@ -231,7 +231,10 @@ double csm_settings_mean_rounding(const csm_settings *settings) {
     const double rounding = format_rounding(settings) * times_rounded(settings);
     if (logarithmic(settings) || !exponential(effects[CSM_EFFECT_FILTER])) {
         const bool floats = effects[CSM_EFFECT_MOMENT_FORMAT] != CSM_MOMENTS_UNORM16;
-        return (floats ? 0.5 : 1.0) * rounding; /* floats: of a centred depth */
+        const double length = effects[CSM_EFFECT_FILTER] == CSM_FILTER_LVSM
+                                  ? fmin(2.0 / effects[CSM_EFFECT_LAYER_COUNT], 1.0)
+                                  : 1.0; /* a layer has half of its neighbours too */
+        return (floats ? 0.5 : 1.0) * rounding * length; /* floats: of a centred depth */
     }
     double exponents[2];
     csm_settings_exponents(settings, exponents);

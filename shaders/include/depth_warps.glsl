@@ -33,19 +33,20 @@ vec2 exponential_warps(float depth)
     return vec2(exp(frame.moments.x * d), -exp(-frame.moments.y * d));
 }
 
-// Layers of depth [Lauritzen, McCool 2008] begin every 1 / count and end half a layer after the next one has begun:
-// a receiver looks at the last that has begun, so that what lies around it on its own plane is not cut off behind
-// it, which would count as shadow. What is cut off before it lightens, as every bound does.
-const float layer_length = 1.5;
+// Layers of depth [Lauritzen, McCool 2008]. A receiver has one of `count` equal parts of the range to itself, and its
+// layer reaches half a part further either way. What is cut off behind it would count as shadow: its own plane around
+// it must not be. What is cut off before it must lie a good deal before it, or rounding takes it for the receiver.
 
 int layer_of(float depth)
 {
     return clamp(int(depth * float(CSM_LAYER_COUNT)), 0, CSM_LAYER_COUNT - 1);
 }
 
-// Depth in a layer: 0 where it begins, 1 where it ends, as the last one does at the far end.
+// Depth in a layer: 0 where it begins, 1 where it ends.
 float depth_in_layer(float depth, int layer)
 {
-    float length = layer == CSM_LAYER_COUNT - 1 ? 1.0 : layer_length;
-    return clamp((depth * float(CSM_LAYER_COUNT) - float(layer)) / length, 0.0, 1.0);
+    float parts = float(CSM_LAYER_COUNT);
+    float begin = max(float(layer) - 0.5, 0.0);
+    float end = min(float(layer) + 1.5, parts);
+    return clamp((depth * parts - begin) / (end - begin), 0.0, 1.0);
 }
