@@ -44,14 +44,16 @@ def half_width(frame, cascade):
 
 
 def blur(values, kind, half):
-    """(s, s, k) mean under the square kernel around every texel; what is beyond the rim is the rim."""
+    """(s, s, k) mean under the square kernel round each texel; beyond the rim is the rim."""
     w = weights(kind, half)
     reach = len(w) // 2
     size = len(values)
     at = np.clip(np.arange(size)[:, None] + np.arange(-reach, reach + 1), 0, size - 1)
     matrix = np.zeros((size, size))
     np.add.at(matrix, (np.arange(size)[:, None], at), w)
-    return np.stack([matrix @ channel @ matrix.T for channel in np.moveaxis(values, -1, 0)], axis=-1)
+    return np.stack(
+        [matrix @ channel @ matrix.T for channel in np.moveaxis(values, -1, 0)], axis=-1
+    )
 
 
 # -- numbers ---------------------------------------------------------------------------------------

@@ -1,5 +1,5 @@
 """What bounds promise (docs/numerics.md 27; V1 and V2 of 16): never darker than the share of the
-kernel that is lit, lit where nothing stands, and no more light through occluders than theory says."""
+kernel that is lit, lit where nothing stands, no more light through occluders than in theory."""
 
 import moment_oracle
 import numpy as np
@@ -48,7 +48,7 @@ class Layers:
             cascade_count=1, map_size=map_size, fit="box", depth_range="manual", cull="none",
             manual_depth_range=(-span, 0.0), view_range="camera",
         )  # fmt: skip
-        # sheets meet between texels whatever the kernel's border: well inside one that no case passes
+        # of the widest kernel's border; sheets meet at x = 0, on the lattice, whatever the border
         self.texel = side / (map_size - 1 - 2 * 33)
         edges = [-50.0, *(cut * self.texel for cut in cuts), 50.0]
         corners = []
@@ -90,7 +90,7 @@ def lit_share(frame, points, depth):
 
 def noise(settings, depth, gap):
     """How much rounding may take off a bound v / (v + d^2) of a receiver with no surface nearer to
-    its depth than `gap`: v + d^2 = E (t - z)^2 >= gap^2, so dp/dv <= 1 / gap^2, dp/dm <= 1 / gap."""
+    its depth than `gap`: v + d^2 = E (t - z)^2 >= gap^2, so dp/dv <= 1 / gap^2, dp/dm <= 1/gap."""
     off = moment_oracle.least_variance(settings), moment_oracle.mean_rounding(settings)
     if settings.filter == "esm":  # Markov: a share of the power
         exponent = moment_oracle.exponents(settings)[0]
@@ -120,7 +120,12 @@ STACKS = {
 
 
 RECEIVERS = (0.1, 0.28, 0.42, 0.6, 0.9)
-RANGES = {"flat": (1.0, 65), "two layers": (1e4, 33), "far behind": (1e2, 9), "three layers": (1e3, 65)}
+RANGES = {
+    "flat": (1.0, 65),
+    "two layers": (1e4, 33),
+    "far behind": (1e2, 9),
+    "three layers": (1e3, 65),
+}
 
 
 def check_bound(figure, renderer, name, moment_format, stack, span, filter_size):
@@ -281,7 +286,7 @@ def test_v2_permuted_occluders_rendered(figure, renderer, occluders):
 
 @pytest.mark.parametrize("name", ["vsm", "lvsm", "evsm2", "evsm4"])
 def test_v2_what_lies_behind_is_let_through(renderer, name):
-    # The receiver between both: half of the kernel is lit, and a bound of two depths is exact there.
+    # The receiver between both: half of the kernel is lit, and a bound of two depths is exact.
     layers = Layers((0.2, 0.7))
     points = middle(layers)
     points[:, 1] = layers.y_of(0.6)

@@ -1,5 +1,5 @@
-"""Prefiltered maps (docs/numerics.md 27): what is stored equals the moments of the frame's own depths
-under a kernel applied by brute force, and what a pixel is told equals the paper's formula on them."""
+"""Prefiltered maps (docs/numerics.md 27): what is stored equals the moments of the frame's depths
+under a kernel applied by brute force, what a pixel is told the paper's formula on them."""
 
 import moment_oracle
 import numpy as np
@@ -141,8 +141,8 @@ def test_compute_and_fragment_give_the_same_bits(fresh_renderer, view, moment_fo
 
 @pytest.mark.parametrize("name", ["vsm", "evsm4", "lvsm", "esm"])
 def test_culling_changes_no_bit(renderer, name):
-    # Means are of what lies behind receivers too, even of ground 20 m below all that is seen: a tray
-    # of 10 cm, half of it in the shadow of a roof, above the ground and a pit.
+    # Means are of what lies behind receivers too, even 20 m below all that is seen: a tray of 10 cm,
+    # half of it in the shadow of a roof, above the ground and a pit.
     def level(y, x, z):
         return [[x[0], y, z[0]], [x[1], y, z[0]], [x[1], y, z[1]], [x[0], y, z[1]]]
 
@@ -154,7 +154,9 @@ def test_culling_changes_no_bit(renderer, name):
     camera = csm.Camera.orthographic(
         (0, 0.5, 0), (0, 0, 0), up=(0, 0, -1), height=0.2, near=0.4, far=0.6, size=(64, 64)
     )
-    settings = csm.ShadowSettings(map_size=256, cascade_count=1, filter_size=9, filter=name, exponent=4.0)
+    settings = csm.ShadowSettings(
+        map_size=256, cascade_count=1, filter_size=9, filter=name, exponent=4.0
+    )
     frames = [
         renderer.render(scene, camera, csm.Sun((0, 1, 0)), settings.replace(cull=cull, fit="box"))
         for cull in ("none", "inclusive")
@@ -193,8 +195,8 @@ def test_moments_of_samples_are_their_mean(renderer, name):
     camera = csm.Camera.look_at((0, 8, 0.1), (0, 0, 0), fov_y_deg=60, near=1, far=20, size=(24, 24))
     sun = csm.Sun((0, 1, 0))
     settings = csm.ShadowSettings(
-        cascade_count=1, map_size=64, fit="diameter", filter_size=1, samples=4, depth_range="manual",
-        manual_depth_range=(-8.0, 0.0), view_range="camera", cull="none", **FILTERS[name],
+        cascade_count=1, map_size=64, fit="diameter", filter_size=1, samples=4,
+        depth_range="manual", manual_depth_range=(-8.0, 0.0), view_range="camera", cull="none", **FILTERS[name],
     )  # fmt: skip
     texel = csm.fit_cascades(camera, sun, settings).texel_size[0, 0]
     frame = renderer.render(scene(2.5 * texel), camera, sun, settings, outputs=("moments",))

@@ -207,7 +207,8 @@ static double format_rounding(const csm_settings *settings) {
     }
 }
 
-/* Let every number be off by u of itself: m2 - m1^2 is off by up to 3 u m^2. Centred depths have m^2
+/* Let every number be off by u of itself: m2 - m1^2 is off by up to 3 u m^2. Centred depths have
+ * m^2
  * <= 1/4; those of exponential warps are as large as they are, so theirs is a share of m^2. Where
  * steps are equal m1 is off by u, which makes 2 |m1| u <= u of m1^2, and m2 by u / 4 in unorm16,
  * where it is stored fourfold, by u in sums. */
@@ -291,8 +292,9 @@ static void check_format(const csm_settings *settings, csm_error *err) {
         {"negative_exponent", filter == CSM_FILTER_EVSM4 ? settings->negative_exponent : 0.0}};
     for (size_t i = 0; i < 2; i++) {
         if (exponents[i].value > limit) {
-            csm_fail_more(err, "%s must be at most %.2f for this filter, moment_format and lookup "
-                               "(got %g)",
+            csm_fail_more(err,
+                          "%s must be at most %.2f for this filter, moment_format and lookup "
+                          "(got %g)",
                           exponents[i].name, limit, exponents[i].value);
         }
     }
