@@ -141,7 +141,7 @@ def test_compute_and_fragment_give_the_same_bits(fresh_renderer, view, moment_fo
 
 @pytest.mark.parametrize("name", ["vsm", "evsm4", "lvsm", "esm"])
 def test_culling_changes_no_bit(renderer, name):
-    # Means are of what lies behind receivers too, even 20 m below all that is seen: a tray of 10 cm,
+    # Means are of what lies behind receivers too, even 20 m below all that is seen: a tray,
     # half of it in the shadow of a roof, above the ground and a pit.
     def level(y, x, z):
         return [[x[0], y, z[0]], [x[1], y, z[0]], [x[1], y, z[1]], [x[0], y, z[1]]]
@@ -196,7 +196,8 @@ def test_moments_of_samples_are_their_mean(renderer, name):
     sun = csm.Sun((0, 1, 0))
     settings = csm.ShadowSettings(
         cascade_count=1, map_size=64, fit="diameter", filter_size=1, samples=4,
-        depth_range="manual", manual_depth_range=(-8.0, 0.0), view_range="camera", cull="none", **FILTERS[name],
+        depth_range="manual", manual_depth_range=(-8.0, 0.0), view_range="camera",
+        cull="none", **FILTERS[name],
     )  # fmt: skip
     texel = csm.fit_cascades(camera, sun, settings).texel_size[0, 0]
     frame = renderer.render(scene(2.5 * texel), camera, sun, settings, outputs=("moments",))
