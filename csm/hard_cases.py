@@ -53,6 +53,8 @@ CASES = {
     "K1": "world-aligned light matrix",
     "G1": "culling of casters",
     "G2": "clipping to bounds",
+    "V1": "moments of depths",
+    "V2": "light through two occluders",
     "R1": "geometry at the edge of what can be drawn",
     "W1": "extreme cameras",
 }

@@ -163,7 +163,8 @@ class ShadowSettings:
         Blockers and penumbra from taps, from filtered moments [Yang2010]_, or from their summed
         areas [Lauritzen2007]_.
     moment_format : {"float32", "float16", "unorm16"}
-        Format of filtered maps; exponents of esm and evsm are limited by it.
+        Format of filtered maps; exponents of esm and evsm are limited by it. ``"unorm16"`` holds
+        0 to 1: not for evsm, nor for esm without `log_filter`.
     lookup : {"bilinear", "trilinear", "anisotropic"}
         How filtered maps are looked up: at their full size, or in smaller levels by the footprint
         of the pixel.
@@ -172,15 +173,17 @@ class ShadowSettings:
     samples : int
         1, 2, 4 or 8 samples in a texel of the maps that moments are made from.
     exponent, negative_exponent : float
-        Of depth, for esm and evsm, and of the second warp of evsm4; 0: nine tenths of what the
-        format holds, and the same as the first.
+        Of depth over its range, for esm and evsm (whose warps run from -1 to 1), and of the second
+        warp of evsm4. 0: nine tenths of what the format holds, under `log_filter` 640 or what it
+        rounds to 5 % of light; and the same as the first. Limits of esm: 88.72 in float32, 11.08 in
+        float16; of evsm half of that.
     log_filter : bool
         esm: exponents are stored and blurred instead of powers, without their limit
         [Salvi2008]_.
     msm_bound : {"hamburger", "hausdorff"}
         msm: depths may lie anywhere, or between 0 and 1, which is a sharper bound.
     layer_count : int
-        Layers of lvsm, 2, 4, 6 or 8.
+        Layers of lvsm, 2, 4, 6 or 8; each reaches half of its part of the range further either way.
     fourier_terms : int
         Terms of the series of fourier, an even number up to 16.
     bleed_step, bleed_power : float

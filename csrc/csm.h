@@ -237,12 +237,13 @@ int csm_settings_taps(const csm_settings *settings);
 /* Exponents of esm and evsm, positive and negative warp, after 0 is resolved by the format. */
 void csm_settings_exponents(const csm_settings *settings, double out[2]);
 
-/* Largest exponent that the format holds (docs/numerics.md 27). */
-double csm_exponent_limit(int filter, int moment_format);
+/* Largest exponent that the format holds (docs/numerics.md 27); infinite under log_filter. */
+double csm_exponent_limit(const csm_settings *settings);
 
-/* Least variance of depths in [0, 1] that a moment's rounding leaves meaningful, and the bias that
- * keeps four moments realisable. */
+/* What rounding leaves meaningful: the least variance (of evsm a share of the mean's square), the
+ * depth by which a mean may be off, and the bias that keeps four moments realisable. */
 double csm_settings_least_variance(const csm_settings *settings);
+double csm_settings_mean_rounding(const csm_settings *settings);
 double csm_settings_moment_bias(const csm_settings *settings);
 
 /* Effective biases in the terms of csm_bias (section 7), after bias = auto is resolved. */

@@ -225,9 +225,7 @@ static void canonical_bias(csm_settings *settings) {
     int *effects = settings->effects;
     const bool two_by_two =
         effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
-    const csm_moments moments = csm_settings_moments(settings);
-    /* the hardware compares four texels with one depth; moments are of no one texel */
-    const bool no_plane = two_by_two || moments.kind != CSM_LOOKS_AT_DEPTHS;
+    const bool no_plane = two_by_two || !csm_filter_follows_plane(settings);
     if (effects[CSM_EFFECT_BIAS] == CSM_BIAS_AUTO) {
         settings->constant_bias_texels = 0.0;
         settings->slope_bias = 0.0;
@@ -312,12 +310,11 @@ csm_bias csm_settings_bias(const csm_settings *settings) {
      * reference depth for four texels, up to a whole texel away along each axis. */
     const bool two_by_two =
         effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
-    const bool of_texels = csm_settings_moments(settings).kind == CSM_LOOKS_AT_DEPTHS;
     double quantum = csm_depth_quantum(effects[CSM_EFFECT_DEPTH_FORMAT]);
     return (csm_bias){
-        .receiver_plane = !two_by_two && of_texels,
+        .receiver_plane = !two_by_two && csm_filter_follows_plane(settings),
         .slope_texels = two_by_two ? 1.25 : 0.25,
-        .quanta = 1.0 + 4.0 * ldexp(1.0, -24) / quantum,
+        .quanta = 1.0 + (4.0 * ldexp(1.0, -24) + csm_settings_mean_rounding(settings)) / quantum,
         .roundings = 1.0,
     };
 }

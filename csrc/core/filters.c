@@ -60,6 +60,16 @@ static int kind_of(const csm_settings *settings) {
     return filters[settings->effects[CSM_EFFECT_FILTER]].kind;
 }
 
+bool csm_filter_follows_plane(const csm_settings *settings) {
+    return kind_of(settings) == CSM_LOOKS_AT_DEPTHS ||
+           settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_EVSM4;
+}
+
+static bool logarithmic(const csm_settings *settings) {
+    return settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_ESM &&
+           settings->effects[CSM_EFFECT_LOG_FILTER];
+}
+
 static int slices_of(const csm_settings *settings) {
     switch (settings->effects[CSM_EFFECT_FILTER]) {
     case CSM_FILTER_LVSM:
@@ -112,7 +122,7 @@ csm_moments csm_settings_moments(const csm_settings *settings) {
 
 int csm_settings_kernel_radius(const csm_settings *settings) {
     const int size = settings->effects[CSM_EFFECT_FILTER_SIZE];
-    const int lookup = settings->effects[CSM_EFFECT_LOOKUP];
+    const bool levels = settings->effects[CSM_EFFECT_LOOKUP] != CSM_LOOKUP_BILINEAR;
     switch (settings->effects[CSM_EFFECT_FILTER]) {
     case CSM_FILTER_HARD:
     case CSM_FILTER_NONE:
@@ -125,7 +135,7 @@ int csm_settings_kernel_radius(const csm_settings *settings) {
         return (size + 1) / 2;
     default: /* blurred, then looked up between texels; a coarser level reaches as far as its texel
               */
-        return size / 2 + 1 + (lookup == CSM_LOOKUP_BILINEAR ? 0 : 1 << CSM_MAX_LEVEL);
+        return size / 2 + 1 + (levels && !logarithmic(settings) ? 1 << CSM_MAX_LEVEL : 0);
     }
 }
 
@@ -146,38 +156,107 @@ int csm_settings_taps(const csm_settings *settings) {
 /* -- numbers by the rounding of a format ----------------------------------------------------------
  */
 
-double csm_exponent_limit(int filter, int moment_format) {
-    /* ln of the largest number, less what it takes to hold a filter's sum of 64 unscaled taps, and
-     * halved where the square is stored too */
-    const double largest = moment_format == CSM_MOMENTS_FLOAT16 ? log(65504.0) : log(3.4028e38);
-    return filter == CSM_FILTER_ESM ? largest : 0.5 * largest;
+static bool exponential(int filter) {
+    return filter == CSM_FILTER_EVSM2 || filter == CSM_FILTER_EVSM4 || filter == CSM_FILTER_ESM;
 }
 
-void csm_settings_exponents(const csm_settings *settings, double out[2]) {
-    const int filter = settings->effects[CSM_EFFECT_FILTER];
-    const int format = settings->effects[CSM_EFFECT_MOMENT_FORMAT];
-    out[0] =
-        settings->exponent > 0.0 ? settings->exponent : 0.9 * csm_exponent_limit(filter, format);
-    out[1] = settings->negative_exponent > 0.0 ? settings->negative_exponent : out[0];
+double csm_exponent_limit(const csm_settings *settings) {
+    if (logarithmic(settings)) {
+        return INFINITY;
+    }
+    /* exp(c) must be held, and where variances are made its square; a shader's exp() is off by some
+     * c 2^-24, which cutting off after two digits leaves room for. Blurs hold no sum that is larger
+     * than its mean; who makes smaller levels may first add up four texels. */
+    const bool half = settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_FLOAT16;
+    const double largest = log(half ? 65504.0 : 3.4028e38) -
+                           (csm_settings_moments(settings).mipmapped ? log(4.0) : 0.0);
+    const bool squared = settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_ESM;
+    return floor(100.0 * (squared ? 0.5 * largest : largest)) / 100.0;
 }
 
+/* How often moments are rounded on their way: when they are made, by either half of the blur, by
+ * every level, and by the lookup between texels. */
+static double times_rounded(const csm_settings *settings) {
+    const csm_moments moments = csm_settings_moments(settings);
+    return 2.0 + (moments.blurred ? 2.0 : 0.0) + (moments.mipmapped ? CSM_MAX_LEVEL : 0.0);
+}
+
+/* Rounding of a number: of floats a share of it, of unorm16 and sums a share of the range. Drivers
+ * may cut off what 16 bits do not hold instead of rounding it (llvmpipe does): a whole unit. */
 static double format_rounding(const csm_settings *settings) {
     const csm_moments moments = csm_settings_moments(settings);
     if (moments.kind == CSM_LOOKS_AT_SUMS) {
-        return ldexp(1.0, -moments.sum_bits);
+        return ldexp(0.5, -moments.sum_bits);
     }
     switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
-    case CSM_MOMENTS_FLOAT16:
-        return ldexp(1.0, -10);
+    case CSM_MOMENTS_FLOAT16: {
+        const int filter = settings->effects[CSM_EFFECT_FILTER];
+        if (!exponential(filter) || filter == CSM_FILTER_ESM) {
+            return ldexp(1.0, -10);
+        }
+        double exponents[2];
+        csm_settings_exponents(settings, exponents);
+        /* steps no longer shrink below 2^-14, where squares of the nearest depths may lie */
+        const double smallest = exp(-2.0 * fmax(exponents[0], exponents[1]));
+        return fmax(ldexp(1.0, -10), ldexp(1.0, -24) / smallest);
+    }
     case CSM_MOMENTS_UNORM16:
-        return 1.0 / 65535.0;
+        return 0.5 / 65535.0;
     default:
-        return ldexp(1.0, -23);
+        return ldexp(1.0, -24);
     }
 }
 
+/* Let every number be off by u of itself: m2 - m1^2 is off by up to 3 u m^2. Centred depths have
+ * m^2
+ * <= 1/4; those of exponential warps are as large as they are, so theirs is a share of m^2. Where
+ * steps are equal m1 is off by u, which makes 2 |m1| u <= u of m1^2, and m2 by u / 4 in unorm16,
+ * where it is stored fourfold, by u in sums. */
 double csm_settings_least_variance(const csm_settings *settings) {
-    return 1.5 * format_rounding(settings); /* of m2 - m1^2 on [0, 1] */
+    const double rounding = format_rounding(settings) * times_rounded(settings);
+    if (exponential(settings->effects[CSM_EFFECT_FILTER])) {
+        return 3.0 * rounding;
+    }
+    if (csm_settings_moments(settings).kind == CSM_LOOKS_AT_SUMS) {
+        return 2.0 * rounding;
+    }
+    const bool floats = settings->effects[CSM_EFFECT_MOMENT_FORMAT] != CSM_MOMENTS_UNORM16;
+    return (floats ? 0.75 : 1.25) * rounding;
+}
+
+double csm_settings_mean_rounding(const csm_settings *settings) {
+    const int *effects = settings->effects;
+    if (csm_settings_moments(settings).kind == CSM_LOOKS_AT_DEPTHS) {
+        return 0.0;
+    }
+    const double rounding = format_rounding(settings) * times_rounded(settings);
+    if (logarithmic(settings) || !exponential(effects[CSM_EFFECT_FILTER])) {
+        const bool floats = effects[CSM_EFFECT_MOMENT_FORMAT] != CSM_MOMENTS_UNORM16;
+        const double length = effects[CSM_EFFECT_FILTER] == CSM_FILTER_LVSM
+                                  ? fmin(2.0 / effects[CSM_EFFECT_LAYER_COUNT], 1.0)
+                                  : 1.0; /* a layer has half of its neighbours too */
+        return (floats ? 0.5 : 1.0) * rounding * length; /* floats: of a centred depth */
+    }
+    double exponents[2];
+    csm_settings_exponents(settings, exponents);
+    /* d exp(c z) / exp(c z) = c dz; warps of evsm run from -1 to 1 */
+    return rounding / ((effects[CSM_EFFECT_FILTER] == CSM_FILTER_ESM ? 1.0 : 2.0) *
+                       fmin(exponents[0], exponents[1]));
+}
+
+/* Measured to lose least on made scenes (docs/numerics.md 27); a logarithm that is off by less than
+ * 1/20 keeps light right to 5 %. */
+#define LOG_EXPONENT 640.0
+#define LOG_ROUNDING 0.05
+
+void csm_settings_exponents(const csm_settings *settings, double out[2]) {
+    out[0] = settings->exponent;
+    if (out[0] == 0.0) {
+        out[0] = logarithmic(settings)
+                     ? fmin(LOG_EXPONENT, LOG_ROUNDING / csm_settings_mean_rounding(settings))
+                     : 0.9 * csm_exponent_limit(settings);
+    }
+    out[1] = settings->negative_exponent > 0.0 ? settings->negative_exponent : out[0];
 }
 
 double csm_settings_moment_bias(const csm_settings *settings) {
@@ -196,28 +275,26 @@ double csm_settings_moment_bias(const csm_settings *settings) {
 
 static void check_format(const csm_settings *settings, csm_error *err) {
     const int filter = settings->effects[CSM_EFFECT_FILTER];
-    const int format = settings->effects[CSM_EFFECT_MOMENT_FORMAT];
-    const bool exponential =
-        filter == CSM_FILTER_EVSM2 || filter == CSM_FILTER_EVSM4 || filter == CSM_FILTER_ESM;
-    if (!exponential) {
+    if (!exponential(filter) || logarithmic(settings)) {
         return;
     }
-    if (format == CSM_MOMENTS_UNORM16) {
-        csm_fail_more(err, "moment_format must be float32 or float16 for esm and evsm (got "
-                           "unorm16): they store more than 1");
+    if (settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_UNORM16) {
+        csm_fail_more(err, "moment_format must be float32 or float16 for evsm, and for esm without "
+                           "log_filter (got unorm16): they store more than 1");
         return;
     }
-    const bool logarithmic = filter == CSM_FILTER_ESM && settings->effects[CSM_EFFECT_LOG_FILTER];
-    const double limit = csm_exponent_limit(filter, format);
+    const double limit = csm_exponent_limit(settings);
     const struct {
         const char *name;
         double value;
     } exponents[] = {
         {"exponent", settings->exponent},
         {"negative_exponent", filter == CSM_FILTER_EVSM4 ? settings->negative_exponent : 0.0}};
-    for (size_t i = 0; i < 2 && !logarithmic; i++) {
+    for (size_t i = 0; i < 2; i++) {
         if (exponents[i].value > limit) {
-            csm_fail_more(err, "%s must be at most %.2f in this moment_format (got %g)",
+            csm_fail_more(err,
+                          "%s must be at most %.2f for this filter, moment_format and lookup "
+                          "(got %g)",
                           exponents[i].name, limit, exponents[i].value);
         }
     }

@@ -7,6 +7,10 @@
 /* Problems of the filter's own settings. */
 void csm_filter_validate(const csm_settings *settings, csm_error *err);
 
+/* Whether it makes use of the receiver's plane: compares at texels of their own do, and what is not
+ * linear in depth along a plane (docs/numerics.md 27). */
+bool csm_filter_follows_plane(const csm_settings *settings);
+
 /* The part of the canonical form that is the filter's. */
 void csm_filter_canonical(csm_settings *settings);
 

@@ -61,6 +61,9 @@ static csm_status cull_casters(csm_frame *frame, int cascade, caster_list *out, 
         csm_cull_volume_make(&frame->out->cascades, cascade, &desc->camera,
                              settings->effects[CSM_EFFECT_SELECT], band,
                              cull_margin_texels(settings), whole, &volume);
+        if (frame->moments.kind > CSM_LOOKS_AT_DEPTHS) {
+            volume.lowest_z = -INFINITY; /* means are of what lies behind receivers too */
+        }
     }
     if (mode == CSM_CULL_EXCLUSIVE) {
         csm_cull_volume_exclude(&frame->out->cascades, cascade, unanswered_texels(settings), band,

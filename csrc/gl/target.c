@@ -101,6 +101,12 @@ static csm_status make(csm_renderer *renderer, csm_target *target, const csm_pla
                              wanted->height);
     }
     csm_debug_label(renderer, GL_TEXTURE, target->texture, wanted->name);
+    if (!strncmp(wanted->name, "moments", 7)) {
+        /* beyond a smaller map's rim lookups weigh texels by 0, which NaN would survive */
+        const bool whole = !strcmp(wanted->format, "rg32ui");
+        gl->ClearTexImage(target->texture, 0, whole ? GL_RG_INTEGER : GL_RGBA,
+                          whole ? GL_UNSIGNED_INT : GL_FLOAT, NULL);
+    }
     target->wanted = *wanted;
     return csm_debug_check(renderer, wanted->name, err);
 }

@@ -14,9 +14,10 @@ vec4 mean_moments(ivec2 texel)
     vec4 sum = vec4(0.0);
     for (int i = 0; i < CSM_SAMPLES; i++) {
         float depth = texelFetch(shadow_samples, texel, i).r;
-        sum += moments_of(CSM_REVERSED_DEPTH == 1 ? 1.0 - depth : depth, place.y);
+        // a share at a time: powers may be as large as their format holds
+        sum += moments_of(CSM_REVERSED_DEPTH == 1 ? 1.0 - depth : depth, place.y) / float(CSM_SAMPLES);
     }
-    return sum / float(CSM_SAMPLES);
+    return sum;
 }
 
 #else

@@ -18,6 +18,7 @@ struct verdict
 // An include is resolved once, whatever #if surrounds it: what several filters share stands here.
 #include "include/kernel.glsl"
 #if CSM_PREFILTERED
+#include "include/depth_warps.glsl"
 #include "include/moments_lookup.glsl"
 #include "include/chebyshev.glsl"
 #else
@@ -37,6 +38,14 @@ struct verdict
 #include "include/filter_poisson.glsl"
 #elif CSM_FILTER == CSM_FILTER_VSM
 #include "include/filter_vsm.glsl"
+#elif CSM_FILTER == CSM_FILTER_EVSM2
+#include "include/filter_evsm2.glsl"
+#elif CSM_FILTER == CSM_FILTER_EVSM4
+#include "include/filter_evsm4.glsl"
+#elif CSM_FILTER == CSM_FILTER_ESM
+#include "include/filter_esm.glsl"
+#elif CSM_FILTER == CSM_FILTER_LVSM
+#include "include/filter_lvsm.glsl"
 #elif CSM_FILTER == CSM_FILTER_PCSS && CSM_PCSS_MAP == CSM_PCSS_MAP_DEPTH
 #include "include/filter_pcss.glsl"
 #endif
