@@ -39,7 +39,7 @@ static const struct {
     [CSM_FILTER_LVSM] = {CSM_LOOKS_AT_MOMENTS, 4, BLURRED | HAS_FORMAT | HAS_LEAK},
     [CSM_FILTER_SAVSM] = {CSM_LOOKS_AT_SUMS, 2, HAS_SIZE | HAS_KERNEL | HAS_LEAK},
     [CSM_FILTER_FOURIER] = {CSM_LOOKS_AT_MOMENTS, 4, BLURRED | HAS_FORMAT},
-    [CSM_FILTER_PCSS] = {CSM_LOOKS_AT_DEPTHS, 2, HAS_SIZE | HAS_DISC},
+    [CSM_FILTER_PCSS] = {CSM_LOOKS_AT_DEPTHS, 2, HAS_SIZE | HAS_DISC | HAS_FORMAT | HAS_LEAK},
 };
 
 static bool two_by_two(const csm_settings *settings) {
@@ -71,14 +71,6 @@ static int slices_of(const csm_settings *settings) {
     }
 }
 
-static int log2_above(int value) {
-    int bits = 0;
-    while (1 << bits < value) {
-        bits++;
-    }
-    return bits;
-}
-
 csm_moments csm_settings_moments(const csm_settings *settings) {
     static const struct {
         const char *names[4]; /* by channels; three have none */
@@ -91,12 +83,14 @@ csm_moments csm_settings_moments(const csm_settings *settings) {
     const int *effects = settings->effects;
     csm_moments moments = {.kind = kind_of(settings)};
     if (moments.kind == CSM_LOOKS_AT_SUMS) {
-        /* sums wrap around; differences are right while the kernel's own sum fits 32 bits */
+        /* sums wrap around; differences are right while those of the texels that a kernel covers
+         * whole, and of each of its edges apart, fit 32 bits: but for what rounding may add */
+        const double inner = fmax(effects[CSM_EFFECT_FILTER_SIZE] - 1.0, 2.0);
         moments.channels = 2;
         moments.slices = 1;
         moments.format = "rg32ui";
         moments.texel_bytes = 8;
-        moments.sum_bits = 32 - 2 * log2_above(effects[CSM_EFFECT_FILTER_SIZE] + 2);
+        moments.sum_steps = floor(ldexp(1.0 - ldexp(1.0, -20), 32) / (inner * inner));
     } else if (moments.kind == CSM_LOOKS_AT_MOMENTS) {
         const int format = effects[CSM_EFFECT_MOMENT_FORMAT];
         moments.channels = filters[effects[CSM_EFFECT_FILTER]].channels;
@@ -121,8 +115,11 @@ int csm_settings_kernel_radius(const csm_settings *settings) {
         return size / 2;
     case CSM_FILTER_POISSON:
     case CSM_FILTER_SAVSM:
-    case CSM_FILTER_PCSS:
         return (size + 1) / 2;
+    case CSM_FILTER_PCSS: /* levels of moments reach two texels of theirs beyond the outer taps */
+        return prefiltered_pcss(settings) && kind_of(settings) == CSM_LOOKS_AT_MOMENTS
+                   ? size + 2
+                   : (size + 1) / 2;
     default: /* blurred, then looked up between texels; a coarser level reaches as far as its texel
               */
         return size / 2 + 1 + (lookup == CSM_LOOKUP_BILINEAR ? 0 : 1 << CSM_MAX_LEVEL);
@@ -162,10 +159,6 @@ void csm_settings_exponents(const csm_settings *settings, double out[2]) {
 }
 
 static double format_rounding(const csm_settings *settings) {
-    const csm_moments moments = csm_settings_moments(settings);
-    if (moments.kind == CSM_LOOKS_AT_SUMS) {
-        return ldexp(1.0, -moments.sum_bits);
-    }
     switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
     case CSM_MOMENTS_FLOAT16:
         return ldexp(1.0, -10);
@@ -177,18 +170,42 @@ static double format_rounding(const csm_settings *settings) {
 }
 
 double csm_settings_least_variance(const csm_settings *settings) {
+    const csm_moments moments = csm_settings_moments(settings);
+    if (moments.kind == CSM_LOOKS_AT_SUMS) {
+        /* half a step of the depths, at most 1/2 from the middle, an eighth of their squares', and
+         * the roundings of their means to floats */
+        return 0.625 / moments.sum_steps + 1.5 * ldexp(1.0, -24);
+    }
     return 1.5 * format_rounding(settings); /* of m2 - m1^2 on [0, 1] */
 }
 
 double csm_settings_moment_bias(const csm_settings *settings) {
-    switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
-    case CSM_MOMENTS_FLOAT16:
-        return 0.1;
-    case CSM_MOMENTS_UNORM16:
-        return 6e-5;
-    default:
-        return 1e-5;
+    /* measured (docs/numerics.md 28): the least that bounds every distribution of one to three
+     * depths, after a rounding by the moments and one by each direction of the blur */
+    return settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_UNORM16 ? 1.5e-4 : 2e-6;
+}
+
+/* Standard deviation [texels] of where a receiver's own plane lies in what one axis of the blur and
+ * the lookup between texels see: a box of the kernel's side is the widest of the weights, and the
+ * mean of two neighbours adds at most a quarter. */
+static double spread_of_blur(const csm_settings *settings) {
+    const double size = settings->effects[CSM_EFFECT_FILTER_SIZE];
+    return sqrt((size * size - 1.0) / 12.0 + 0.25);
+}
+
+double csm_filter_slope_texels(const csm_settings *settings) {
+    const int filter = settings->effects[CSM_EFFECT_FILTER];
+    if (filter == CSM_FILTER_MSM || filter == CSM_FILTER_FOURIER) {
+        return spread_of_blur(settings);
     }
+    return 0.0;
+}
+
+double csm_filter_depth_offset(const csm_settings *settings) {
+    /* the series is one half at the occluder's own depth, and first 1 where Si(2 pi M x) = pi/2 */
+    return settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_FOURIER
+               ? 0.3066 / settings->effects[CSM_EFFECT_FOURIER_TERMS]
+               : 0.0;
 }
 
 /* -- validation and canonical form ----------------------------------------------------------------
@@ -199,6 +216,10 @@ static void check_format(const csm_settings *settings, csm_error *err) {
     const int format = settings->effects[CSM_EFFECT_MOMENT_FORMAT];
     const bool exponential =
         filter == CSM_FILTER_EVSM2 || filter == CSM_FILTER_EVSM4 || filter == CSM_FILTER_ESM;
+    if (filter == CSM_FILTER_MSM && format == CSM_MOMENTS_FLOAT16) {
+        csm_fail_more(err, "moment_format must be float32 or unorm16 for msm (got float16): in as "
+                           "many bytes unorm16 rounds four moments sixteen times finer");
+    }
     if (!exponential) {
         return;
     }
@@ -277,7 +298,7 @@ void csm_filter_canonical(csm_settings *settings) {
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_DISC);
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_TAP_COUNT);
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_ROTATED);
-    keep_if(settings, has & HAS_FORMAT, CSM_EFFECT_MOMENT_FORMAT);
+    keep_if(settings, (has & HAS_FORMAT) && moments, CSM_EFFECT_MOMENT_FORMAT);
     keep_if(settings, has & HAS_LOOKUP, CSM_EFFECT_LOOKUP);
     keep_if(settings, !tapped, CSM_EFFECT_SAMPLES);
     keep_if(settings, filter == CSM_FILTER_ESM, CSM_EFFECT_LOG_FILTER);
@@ -296,7 +317,7 @@ void csm_filter_canonical(csm_settings *settings) {
     if (filter != CSM_FILTER_EVSM4) {
         settings->negative_exponent = 0.0;
     }
-    if (!(has & HAS_LEAK)) {
+    if (!(has & HAS_LEAK) || tapped) {
         settings->bleed_step = 0.0;
         settings->bleed_power = 1.0;
     }

@@ -126,7 +126,7 @@ static void write_filter(const csm_frame *frame, csm_frame_uniforms *uniforms) {
                                 csm_settings_moment_bias(settings)},
               4, uniforms->moments);
     to_floats((const double[4]){settings->bleed_step, 1.0 / (1.0 - settings->bleed_step),
-                                settings->bleed_power, ldexp(1.0, frame->moments.sum_bits) - 1.0},
+                                settings->bleed_power, frame->moments.sum_steps},
               4, uniforms->bleed);
 }
 

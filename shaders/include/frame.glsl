@@ -28,7 +28,7 @@ struct frame_values
     vec4 kernel[8];                 // half width [texels]; where constant on screen per metre of view depth; depth range [m]; texels per metre
     vec4 blend;                     // share of half a map; depth where they end; 1 / width of their fade before it; tangent of the sun's angular radius
     vec4 moments;                   // exponents of the positive and negative warp; least variance; bias
-    vec4 bleed;                     // step; 1 / (1 - step); power; a texel's part of summed areas
+    vec4 bleed;                     // step; 1 / (1 - step); power; steps of summed areas to the range of depths
 };
 
 layout(std140, binding = 0) uniform frame_block

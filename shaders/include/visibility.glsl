@@ -16,11 +16,15 @@ struct verdict
 #include "include/cascade_select.glsl"
 
 // An include is resolved once, whatever #if surrounds it: what several filters share stands here.
-#if CSM_PREFILTERED
+#if CSM_SUMMED
+#include "include/sums_lookup.glsl"
+#elif CSM_PREFILTERED
 #include "include/moments_lookup.glsl"
-#include "include/chebyshev.glsl"
 #else
 #include "include/shadow_storage.glsl"
+#endif
+#if CSM_PREFILTERED
+#include "include/chebyshev.glsl"
 #endif
 
 #if CSM_FILTER == CSM_FILTER_HARD
@@ -29,6 +33,14 @@ struct verdict
 #include "include/filter_pcf.glsl"
 #elif CSM_FILTER == CSM_FILTER_VSM
 #include "include/filter_vsm.glsl"
+#elif CSM_FILTER == CSM_FILTER_MSM
+#include "include/filter_msm.glsl"
+#elif CSM_FILTER == CSM_FILTER_SAVSM
+#include "include/filter_savsm.glsl"
+#elif CSM_FILTER == CSM_FILTER_FOURIER
+#include "include/filter_fourier.glsl"
+#elif CSM_FILTER == CSM_FILTER_PCSS && CSM_PCSS_MAP != CSM_PCSS_MAP_DEPTH
+#include "include/filter_pcss_moments.glsl"
 #endif
 
 float map_visibility(map_receiver at)

@@ -1,0 +1,60 @@
+// filter_pcss_moments.glsl: soft shadows of the sun's disc [Fernando 2005] from moments [Yang et al. 2010] instead of
+// taps: the occluders' distance and the visibility are read from the mean and variance of depths over an area.
+
+// The sun's disc, seen through an occluder, has this half width of a square that blurs an edge as much: half the side
+// whose variance is that of a disc of radius 1, sqrt(3) / 2.
+const float square_of_disc = 0.8660254;
+
+#if CSM_PCSS_MAP == CSM_PCSS_MAP_SUMMED
+
+vec2 area_moments(map_receiver at, float half_width)
+{
+    return mean_of_rectangle(at.cascade, at.size, vec2(at.texel) + at.fraction, half_width);
+}
+
+#else
+
+// Four by four lookups in the level whose texels are as wide as they are apart. Lookups between texels widen each by
+// a sixth of the square of its width in the mean, so that the square is a little narrower for the same variance.
+vec2 area_moments(map_receiver at, float half_width)
+{
+    float apart = half_width * (0.5 * 0.9428);
+    float level = min(log2(max(apart, 1.0)), float(textureQueryLevels(moments) - 1));
+    vec2 texels = 1.0 / vec2(textureSize(moments, 0).xy);
+    vec2 place = clamp(vec2(at.texel) + at.fraction, 0.5, float(at.size) - 0.5);
+    vec2 total = vec2(0.0);
+    for (int y = 0; y < 4; y++) {
+        for (int x = 0; x < 4; x++) {
+            vec2 tap = place + (vec2(x, y) - 1.5) * apart;
+            tap = clamp(tap, 0.5, float(at.size) - 0.5);
+            total += textureLod(moments, vec3(tap * texels, float(at.cascade)), level).xy;
+        }
+    }
+    return total / 16.0;
+}
+
+#endif
+
+float filter_visibility(map_receiver at)
+{
+    vec4 kernel = frame.kernel[at.cascade];
+    float depth = at.z - 0.5;
+    float texels_per_depth = frame.blend.w * kernel.z * kernel.w * square_of_disc;
+    // what could stand between here and the sun lies within the disc's cone up to the map's near end; once its mean
+    // distance is known, within a narrower one
+    float half_width = clamp(texels_per_depth * at.z, 0.5, kernel.x);
+    vec2 found = vec2(0.0);
+    for (int i = 0; i < 4; i++) {
+        found = area_moments(at, half_width);
+        float nearer = depth - found.x;
+        if (nearer <= 0.0 || i == 3) {
+            break;
+        }
+        // Chebyshev's share of light p is exact for occluders at one depth above a level receiver, and the mean
+        // is p * receiver + (1 - p) * occluders: their distance comes to E[(depth - z)^2] / E[depth - z]
+        float variance = max(found.y - found.x * found.x, 0.0);
+        float distance = (variance + nearer * nearer) / nearer;
+        half_width = clamp(texels_per_depth * distance, 0.5, half_width);
+    }
+    return largest_lit_share(depth, found.x, found.y, frame.moments.z);
+}
