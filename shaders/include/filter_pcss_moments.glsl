@@ -35,26 +35,38 @@ vec2 area_moments(map_receiver at, float half_width)
 
 #endif
 
+// Mean distance of occluders, in the range of depths, or a negative number where there are none. Chebyshev's share of
+// light p is exact for occluders at one depth above a level receiver, and the mean of depths is
+// p * receiver + (1 - p) * occluders: their distance comes to E[(depth - z)^2] / E[depth - z].
+float distance_of_occluders(float depth, vec2 found)
+{
+    float nearer = depth - found.x;
+    float variance = max(found.y - found.x * found.x, 0.0);
+    return nearer > 0.0 ? (variance + nearer * nearer) / nearer : -1.0;
+}
+
 float filter_visibility(map_receiver at)
 {
     vec4 kernel = frame.kernel[at.cascade];
     float depth = at.z - 0.5;
     float texels_per_depth = frame.blend.w * kernel.z * kernel.w * square_of_disc;
-    // what could stand between here and the sun lies within the disc's cone up to the map's near end; once its mean
-    // distance is known, within a narrower one
-    float half_width = clamp(texels_per_depth * at.z, 0.5, kernel.x);
-    vec2 found = vec2(0.0);
-    for (int i = 0; i < 4; i++) {
-        found = area_moments(at, half_width);
-        float nearer = depth - found.x;
-        if (nearer <= 0.0 || i == 3) {
+    // what stands between here and the sun lies within the disc's cone up to the map's near end
+    float widest = clamp(texels_per_depth * at.z, 0.5, kernel.x);
+    // The area grows until it holds the cone up to the occluders in it. Begun at the widest, surfaces farther away than
+    // the receiver would raise the mean and hide occluders near it: light leaked under every eave.
+    float half_width = min(1.0, widest);
+    for (int i = 0; i < 7; i++) {
+        float distance = distance_of_occluders(depth, area_moments(at, half_width));
+        float wanted = texels_per_depth * distance;
+        if (distance > 0.0 && wanted <= half_width) {
+            half_width = max(wanted, 0.5);
             break;
         }
-        // Chebyshev's share of light p is exact for occluders at one depth above a level receiver, and the mean
-        // is p * receiver + (1 - p) * occluders: their distance comes to E[(depth - z)^2] / E[depth - z]
-        float variance = max(found.y - found.x * found.x, 0.0);
-        float distance = (variance + nearer * nearer) / nearer;
-        half_width = clamp(texels_per_depth * distance, 0.5, half_width);
+        if (half_width >= widest) {
+            break;
+        }
+        half_width = min(2.0 * half_width, widest);
     }
+    vec2 found = area_moments(at, half_width);
     return largest_lit_share(depth, found.x, found.y, frame.moments.z);
 }
