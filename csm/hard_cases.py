@@ -47,6 +47,8 @@ CASES = {
     "D1": "depth bias",
     "D2": "receiver planes towards edge-on",
     "D3": "depth range that moves",
+    "V1": "filterable maps: bounds and rounding",
+    "V2": "light behind two occluders",
     "L1": "warps",
     "M1": "transitions and fade",
     "Y1": "shifted spheres",

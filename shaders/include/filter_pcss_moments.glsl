@@ -7,7 +7,7 @@ const float square_of_disc = 0.8660254;
 
 #if CSM_PCSS_MAP == CSM_PCSS_MAP_SUMMED
 
-vec2 area_moments(map_receiver at, float half_width)
+vec2 area_moments(map_receiver at, vec2 half_width)
 {
     return mean_of_rectangle(at.cascade, at.size, vec2(at.texel) + at.fraction, half_width);
 }
@@ -16,10 +16,10 @@ vec2 area_moments(map_receiver at, float half_width)
 
 // Four by four lookups in the level whose texels are as wide as they are apart. Lookups between texels widen each by
 // a sixth of the square of its width in the mean, so that the square is a little narrower for the same variance.
-vec2 area_moments(map_receiver at, float half_width)
+vec2 area_moments(map_receiver at, vec2 half_width)
 {
-    float apart = half_width * (0.5 * 0.9428);
-    float level = min(log2(max(apart, 1.0)), float(textureQueryLevels(moments) - 1));
+    vec2 apart = half_width * (0.5 * 0.9428);
+    float level = min(log2(max(max(apart.x, apart.y), 1.0)), float(textureQueryLevels(moments) - 1));
     vec2 texels = 1.0 / vec2(textureSize(moments, 0).xy);
     vec2 place = clamp(vec2(at.texel) + at.fraction, 0.5, float(at.size) - 0.5);
     vec2 total = vec2(0.0);
@@ -49,24 +49,25 @@ float filter_visibility(map_receiver at)
 {
     vec4 kernel = frame.kernel[at.cascade];
     float depth = at.z - 0.5;
-    float texels_per_depth = frame.blend.w * kernel.z * kernel.w * square_of_disc;
+    // [texels] of a square as wide as the disc of an occluder 1 away, in the range of depths
+    vec2 growth = frame.window[at.cascade].xy * (square_of_disc * frame.blend.w * kernel.z);
     // what stands between here and the sun lies within the disc's cone up to the map's near end
-    float widest = clamp(texels_per_depth * at.z, 0.5, kernel.x);
+    float fastest = max(max(growth.x, growth.y), 1e-9);
+    float farthest = min(at.z, kernel.x / fastest);
+    float reach = min(farthest, 1.0 / fastest);
     // The area grows until it holds the cone up to the occluders in it. Begun at the widest, surfaces farther away than
     // the receiver would raise the mean and hide occluders near it: light leaked under every eave.
-    float half_width = min(1.0, widest);
     for (int i = 0; i < 7; i++) {
-        float distance = distance_of_occluders(depth, area_moments(at, half_width));
-        float wanted = texels_per_depth * distance;
-        if (distance > 0.0 && wanted <= half_width) {
-            half_width = max(wanted, 0.5);
+        float distance = distance_of_occluders(depth, area_moments(at, max(growth * reach, 0.5)));
+        if (distance > 0.0 && distance <= reach) {
+            reach = distance;
             break;
         }
-        if (half_width >= widest) {
+        if (reach >= farthest) {
             break;
         }
-        half_width = min(2.0 * half_width, widest);
+        reach = min(2.0 * reach, farthest);
     }
-    vec2 found = area_moments(at, half_width);
+    vec2 found = area_moments(at, max(growth * reach, 0.5));
     return largest_lit_share(depth, found.x, found.y, frame.moments.z);
 }

@@ -8,6 +8,6 @@ float filter_visibility(map_receiver at)
 #else
     float half_width = kernel.x;
 #endif
-    vec2 found = mean_of_rectangle(at.cascade, at.size, vec2(at.texel) + at.fraction, half_width);
+    vec2 found = mean_of_rectangle(at.cascade, at.size, vec2(at.texel) + at.fraction, vec2(half_width));
     return largest_lit_share(at.z - 0.5, found.x, found.y, frame.moments.z);
 }

@@ -33,10 +33,10 @@ stretch stretch_of(float middle, float half_width, int size)
 
 // Mean depth from -1/2 to 1/2, and mean square of it, over the rectangle within half_width of a place
 // [texels]; beyond the map it is cut.
-vec2 mean_of_rectangle(int cascade, int size, vec2 place, float half_width)
+vec2 mean_of_rectangle(int cascade, int size, vec2 place, vec2 half_width)
 {
     place = clamp(place, 0.5, float(size) - 0.5);
-    stretch x = stretch_of(place.x, half_width, size), y = stretch_of(place.y, half_width, size);
+    stretch x = stretch_of(place.x, half_width.x, size), y = stretch_of(place.y, half_width.y, size);
     vec2 total = vec2(0.0);
     uvec2 below[4];
     for (int i = 0; i < 4; i++) {
