@@ -35,7 +35,7 @@ stretch stretch_of(float middle, float half_width, int size)
 // [texels]; beyond the map it is cut.
 vec2 mean_of_rectangle(int cascade, int size, vec2 place, vec2 half_width)
 {
-    place = clamp(place, 0.5, float(size) - 0.5);
+    place = clamp(place, 0.0, float(size));
     stretch x = stretch_of(place.x, half_width.x, size), y = stretch_of(place.y, half_width.y, size);
     vec2 total = vec2(0.0);
     uvec2 below[4];
