@@ -187,20 +187,19 @@ double csm_settings_moment_bias(const csm_settings *settings) {
     return settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_UNORM16 ? 1.5e-4 : 2e-6;
 }
 
-/* Standard deviation [texels] of where a receiver's own plane lies in what one axis of the blur and
- * the lookup between texels see: a box of the kernel's side is the widest of the weights, and the
- * mean of two neighbours adds at most a quarter. */
-static double spread_of_blur(const csm_settings *settings) {
-    const double size = settings->effects[CSM_EFFECT_FILTER_SIZE];
-    return sqrt((size * size - 1.0) / 12.0 + 0.25);
-}
-
 double csm_filter_slope_texels(const csm_settings *settings) {
-    const int filter = settings->effects[CSM_EFFECT_FILTER];
-    if (filter == CSM_FILTER_MSM || filter == CSM_FILTER_FOURIER) {
-        return spread_of_blur(settings);
+    const double size = settings->effects[CSM_EFFECT_FILTER_SIZE];
+    switch (settings->effects[CSM_EFFECT_FILTER]) {
+    case CSM_FILTER_MSM:
+        /* four moments leave nothing before a receiver that is a standard deviation before the mean
+         * of an even spread; a box is the widest of the weights, and the mean of two neighbours
+         * adds at most a quarter to the variance */
+        return sqrt((size * size - 1.0) / 12.0 + 0.25);
+    case CSM_FILTER_FOURIER:
+        return 0.5 * (size + 1.0); /* all that blur and lookup see of the receiver's own plane */
+    default:
+        return 0.0;
     }
-    return 0.0;
 }
 
 double csm_filter_depth_offset(const csm_settings *settings) {

@@ -15,10 +15,10 @@ struct msm_shape
 // Both norms are concave in the moments: after the bias they cannot be less but for rounding.
 msm_shape msm_shape_of(vec4 moments, float bias)
 {
-    msm_shape shape;
+    precise msm_shape shape;
     shape.mean = moments.x;
     shape.variance = max(moments.y - moments.x * moments.x, 0.5 * bias);
-    float mixed = (moments.z - moments.x * moments.y) / shape.variance;
+    precise float mixed = (moments.z - moments.x * moments.y) / shape.variance;
     shape.rest = max(moments.w - moments.y * moments.y - mixed * mixed * shape.variance, 0.125 * bias);
     shape.skew = mixed - 2.0 * moments.x;
     return shape;
@@ -26,14 +26,17 @@ msm_shape msm_shape_of(vec4 moments, float bias)
 
 float msm_quadratic(msm_shape shape, float y)
 {
-    return (y - shape.skew) * y - shape.variance;
+    precise float quadratic = (y - shape.skew) * y - shape.variance;
+    return quadratic;
 }
 
 // Mass of a depth in the distribution of three depths that holds it.
 float msm_mass(msm_shape shape, float y)
 {
+    precise float mass;
     float quadratic = msm_quadratic(shape, y);
-    return 1.0 / (1.0 + y * y / shape.variance + quadratic * quadratic / shape.rest);
+    mass = 1.0 / (1.0 + y * y / shape.variance + quadratic * quadratic / shape.rest);
+    return mass;
 }
 
 // Depths may lie anywhere. The other two are the roots of weight x^2 + linear x + constant: both on one side of the
@@ -43,8 +46,8 @@ float msm_lit_anywhere(msm_shape shape, float y, float weight, float linear, flo
     if (weight >= 0.0) {
         return y > 0.0 ? msm_mass(shape, y) : 1.0;
     }
-    float root = sqrt(linear * linear - 4.0 * weight * constant);
-    float first = linear > 0.0 ? -2.0 * constant / (linear + root) : (linear - root) / (-2.0 * weight);
+    precise float root = sqrt(linear * linear - 4.0 * weight * constant);
+    precise float first = linear > 0.0 ? -2.0 * constant / (linear + root) : (linear - root) / (-2.0 * weight);
     return 1.0 - msm_mass(shape, max(first, -1e9)); // far away its mass is 0, and its square still a float
 }
 
@@ -80,17 +83,18 @@ bool msm_reaches_beyond(vec2 at_ends, float y, float weight)
 
 float msm_lit_share(vec4 moments, float z, float bias)
 {
-    moments = mix(moments, vec4(0.0, 0.5, 0.0, 0.375), bias); // towards those of the arcsine distribution
-    msm_shape shape = msm_shape_of(moments, bias);
-    float y = z - shape.mean;
-    float weight = msm_quadratic(shape, y) / shape.rest;
-    float linear = y / shape.variance - shape.skew * weight;
-    float constant = 1.0 - weight * shape.variance;
+    // towards those of the arcsine distribution
+    precise vec4 inner = moments + (vec4(0.0, 0.5, 0.0, 0.375) - moments) * bias;
+    msm_shape shape = msm_shape_of(inner, bias);
+    precise float y = z - shape.mean;
+    precise float weight = msm_quadratic(shape, y) / shape.rest;
+    precise float linear = y / shape.variance - shape.skew * weight;
+    precise float constant = 1.0 - weight * shape.variance;
     float lit = msm_lit_anywhere(shape, y, weight, linear, constant);
 #if CSM_MSM_BOUND == CSM_MSM_BOUND_HAUSDORFF
     vec2 ends = vec2(-1.0, 1.0) - shape.mean;
     if (msm_reaches_beyond((weight * ends + linear) * ends + constant, y, weight)) {
-        lit = min(lit, msm_lit_between_ends(moments, z, bias));
+        lit = min(lit, msm_lit_between_ends(inner, z, bias));
     }
 #endif
     return clamp(lit, 0.0, 1.0);

@@ -14,6 +14,8 @@ vec2 area_moments(map_receiver at, vec2 half_width)
 
 #else
 
+#include "include/pcss_pair.glsl"
+
 // Four by four lookups in the level whose texels are as wide as they are apart. Lookups between texels widen each by
 // a sixth of the square of its width in the mean, so that the square is a little narrower for the same variance.
 vec2 area_moments(map_receiver at, vec2 half_width)
@@ -30,7 +32,7 @@ vec2 area_moments(map_receiver at, vec2 half_width)
             total += textureLod(moments, vec3(tap * texels, float(at.cascade)), level).xy;
         }
     }
-    return total / 16.0;
+    return pcss_found(total / 16.0);
 }
 
 #endif

@@ -1,7 +1,7 @@
 // moments_pcss.glsl: depth and its square from -1/2 to 1/2, for levels of moments [Yang et al. 2010].
+#include "include/pcss_pair.glsl"
 
 vec4 moments_of(float depth, int slice)
 {
-    float centred = depth - 0.5;
-    return vec4(centred, centred * centred, 0.0, 0.0);
+    return vec4(pcss_stored(depth - 0.5), 0.0, 0.0);
 }
