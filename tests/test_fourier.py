@@ -38,7 +38,11 @@ ROUNDING = {"float32": 2e-5, "float16": 2e-5 + 2.0**-11, "unorm16": 2e-5 + 1 / 6
 @pytest.mark.parametrize("count", [2, 8, 16])
 def test_terms_are_sines_and_cosines_of_the_maps_depths(renderer, count, moment_format):
     wanted = plates.settings(
-        filter="fourier", filter_size=1, fourier_terms=count, moment_format=moment_format, map_size=32
+        filter="fourier",
+        filter_size=1,
+        fourier_terms=count,
+        moment_format=moment_format,
+        map_size=32,
     )
     world = plates.scene(np.linspace(0.05, 0.97, 30))
     frame = renderer.render(world, plates.CAMERA, plates.SUN, wanted,

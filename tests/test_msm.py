@@ -93,9 +93,7 @@ def test_v1_shadow_is_never_more_than_the_true_one(renderer, trials, moment_form
     world = plates.scene(PENS[pens])
     shadows = {}
     for bound in ("hamburger", "hausdorff"):
-        frame, lit = plates.seen(
-            renderer, world, wanted.replace(msm_bound=bound), texels, depths
-        )
+        frame, lit = plates.seen(renderer, world, wanted.replace(msm_bound=bound), texels, depths)
         shadows[bound] = 1.0 - lit
         assert np.isfinite(lit).all()
         found, weights = depths_around(frame, texels, 1)

@@ -98,6 +98,19 @@ def test_rectangles_are_means_of_their_texels(renderer, filter_size):
     np.testing.assert_allclose(lit[flat], depths[flat] - 0.5 < mean[flat], atol=0.003)
 
 
+@pytest.mark.parametrize("filter_size", [1, 3, 17, 65])
+@pytest.mark.parametrize("depth", [0.0, 1.0])
+def test_sums_of_either_end_of_the_range_fit(renderer, filter_size, depth):
+    """All of a kernel at one end: its sum is as far from 0 as it can be. Where it does not fit 32 bits
+    it changes its sign, and with it light and shadow."""
+    wanted = plates.settings(filter="savsm", filter_size=filter_size, map_size=80)
+    texels = np.random.default_rng(1).uniform(34, 46, (200, 2))
+    frame, lit = plates.seen(renderer, plates.scene((depth,), count=0), wanted, texels,
+                             np.full(200, 0.5))  # fmt: skip
+    assert np.abs(frame.shadow_maps[0][2:-2, 2:-2] - depth).max() < 1e-6  # the rim may be empty
+    np.testing.assert_allclose(lit, depth, atol=1e-5)
+
+
 @pytest.mark.parametrize("filter_size", [3, 65])
 def test_light_is_never_less_than_the_true_share(renderer, filter_size):
     random = np.random.default_rng(8)

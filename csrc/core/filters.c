@@ -84,8 +84,8 @@ csm_moments csm_settings_moments(const csm_settings *settings) {
     csm_moments moments = {.kind = kind_of(settings)};
     if (moments.kind == CSM_LOOKS_AT_SUMS) {
         /* sums wrap around; differences are right while those of the texels that a kernel covers
-         * whole, and of each of its edges apart, fit 32 bits with a sign. More than the 24 bits of a
-         * float are none: depths have no more, and numbers of steps are exact in shaders */
+         * whole, and of each of its edges apart, fit 32 bits with a sign. More than the 24 bits of
+         * a float are none: depths have no more, and numbers of steps are exact in shaders */
         const double inner = effects[CSM_EFFECT_FILTER_SIZE] - 1.0;
         const double fitting = floor((ldexp(1.0, 31) - 1.0) / fmax(inner * inner, 1.0));
         moments.channels = 2;
