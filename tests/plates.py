@@ -33,18 +33,18 @@ def settings(**more):
 
 
 def scene(depths, count=400, seed=0, largest=0.6):
-    """Square plates at places and sides by lot, each at one of `depths`, over a ground at the last."""
+    """Square plates by lot, each at one of `depths`, over a ground at the last of them."""
     random = np.random.default_rng(seed)
     height = RANGE * (1.0 - np.asarray(depths, np.float64))
     ground, triangles = shapes.ground(3.0 * SIDE)
-    positions, corners = [ground + [0.0, height[-1], 0.0]], [triangles]
+    positions, corners = [np.add(ground, [0.0, height[-1], 0.0])], [triangles]
     for _ in range(count):
         side = random.uniform(0.1, largest)
         middle = random.uniform(-0.7 * SIDE, 0.7 * SIDE, 2)
         y = random.choice(height)
         plate, triangles = shapes.ground(side)
         corners.append(triangles + sum(map(len, positions)))
-        positions.append(plate + [middle[0], y, middle[1]])
+        positions.append(np.add(plate, [middle[0], y, middle[1]]))
     return csm.Scene.from_arrays(np.concatenate(positions), np.concatenate(corners))
 
 

@@ -1,4 +1,4 @@
-"""Convolution shadow maps: the stored terms, the series they make, its ringing (docs/numerics.md 28)."""
+"""Convolution shadow maps: the stored terms, the series, its ringing (docs/numerics.md 28)."""
 
 import numpy as np
 import plates
@@ -30,7 +30,8 @@ def stored_terms(frame):
 
 
 # float32: the argument of the last term, 31 pi times a depth of 24 bits, and the driver's sine;
-# half floats are off by up to 2^-11 of up to 1 (llvmpipe cuts them off), 16 bits by half of 2 / 65535
+# half floats are off by up to 2^-11 of up to 1 (llvmpipe cuts them off), 16 bits by half of
+# 2 / 65535
 ROUNDING = {"float32": 2e-5, "float16": 2e-5 + 2.0**-11, "unorm16": 2e-5 + 1 / 65535}
 
 

@@ -1,5 +1,5 @@
-"""Moment shadow maps against the bound solved anew: from the paper's equations in doubles, by linear
-programming, and on every distribution of a rendered map (docs/numerics.md 28)."""
+"""Moment shadow maps against the bound solved anew: from the paper's equations in doubles, by
+linear programming, and on every distribution of a rendered map (docs/numerics.md 28)."""
 
 import itertools
 

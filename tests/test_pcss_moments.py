@@ -87,7 +87,7 @@ def test_penumbra_of_a_wall_is_the_suns(renderer, pcss_map):
 
 @pytest.mark.parametrize("pcss_map", MAPS)
 def test_penumbra_grows_with_the_distance(renderer, pcss_map):
-    """In metres it is a share of the height alone; pictures are as wide as four and a half radii."""
+    """In metres it is a share of the height alone; pictures are some four radii wide."""
     metres = [width(profile(renderer, "wall", k, settings(pcss_map))) * radius(k) for k in range(4)]
     slopes = np.array(metres[1:]) / HEIGHTS[1:]
     assert np.ptp(slopes) / slopes.mean() < 0.06
@@ -130,7 +130,7 @@ def test_a_point_sun_and_contacts_are_hard(renderer, pcss_map):
 
 @pytest.mark.parametrize("pcss_map", MAPS)
 def test_eaves_shadow_walls_high_over_the_ground(renderer, pcss_map):
-    """A sun along the wall: it is narrow in the map and the ground beside it far away. A mean over a
+    """A sun along the wall: it is narrow in the map, the ground beside it far away. A mean over a
     wide area lies behind the wall, as if nothing stood before it."""
     house = csm.Scene.from_arrays(
         *shapes.join(
@@ -151,7 +151,7 @@ def test_eaves_shadow_walls_high_over_the_ground(renderer, pcss_map):
 
 
 def test_sixteen_bits_are_enough_for_a_penumbra(renderer):
-    """Rounding is a standard deviation of some 1/400 of the range, 10 cm; the caster is 8 m away."""
+    """Rounding is a standard deviation of some 1/400 of the range, 10 cm; the caster is 8 m off."""
     light = profile(renderer, "wall", 2, settings("variance", moment_format="unorm16"))
     assert width(light) / width(true_profile("wall", 2)) == pytest.approx(1.0, abs=0.1)
     assert light.min() < 0.01

@@ -1,4 +1,4 @@
-"""Summed areas: exact whole numbers, and rectangles of any place and width (docs/numerics.md 28)."""
+"""Summed areas: whole numbers, and rectangles of any place and width (docs/numerics.md 28)."""
 
 import numpy as np
 import plates
@@ -101,8 +101,8 @@ def test_rectangles_are_means_of_their_texels(renderer, filter_size):
 @pytest.mark.parametrize("filter_size", [1, 3, 17, 65])
 @pytest.mark.parametrize("depth", [0.0, 1.0])
 def test_sums_of_either_end_of_the_range_fit(renderer, filter_size, depth):
-    """All of a kernel at one end: its sum is as far from 0 as it can be. Where it does not fit 32 bits
-    it changes its sign, and with it light and shadow."""
+    """All of a kernel at one end: its sum is as far from 0 as it can be. Where it does not fit 32
+    bits it changes its sign, and with it light and shadow."""
     wanted = plates.settings(filter="savsm", filter_size=filter_size, map_size=80)
     texels = np.random.default_rng(1).uniform(34, 46, (200, 2))
     frame, lit = plates.seen(renderer, plates.scene((depth,), count=0), wanted, texels,

@@ -34,7 +34,7 @@ def settings(name, **more):
 @pytest.mark.parametrize("name", FILTERS)
 @pytest.mark.parametrize("elevation", [80, 35, 12])
 def test_bare_ground_is_lit(renderer, name, elevation):
-    """The kernel sees the receiver's own plane before and behind it: the automatic bias covers it."""
+    """A kernel sees the receiver's own plane before and behind it: the automatic bias covers it."""
     ground = csm.Scene.from_arrays(*shapes.join(shapes.ground(40.0)))
     sun = csm.Sun.from_angles(33.0, elevation)
     sun = csm.Sun(sun.to_light, **SOFT_SUN)
