@@ -16,12 +16,13 @@ vec2 area_moments(map_receiver at, vec2 half_width)
 
 #include "include/pcss_pair.glsl"
 
-// Four by four lookups in the level whose texels are as wide as they are apart. Lookups between texels widen each by
-// a sixth of the square of its width in the mean, so that the square is a little narrower for the same variance.
+// Four by four lookups in the level whose texels are as wide as they are apart, along the axis where that is less.
+// Lookups between texels widen each by a sixth of the square of its width in the mean, so that the square is a little
+// narrower for the same variance.
 vec2 area_moments(map_receiver at, vec2 half_width)
 {
     vec2 apart = half_width * (0.5 * 0.9428);
-    float level = min(log2(max(max(apart.x, apart.y), 1.0)), float(textureQueryLevels(moments) - 1));
+    float level = min(log2(max(min(apart.x, apart.y), 1.0)), float(textureQueryLevels(moments) - 1));
     vec2 texels = 1.0 / vec2(textureSize(moments, 0).xy);
     vec2 place = clamp(vec2(at.texel) + at.fraction, 0.5, float(at.size) - 0.5);
     vec2 total = vec2(0.0);
@@ -53,14 +54,19 @@ float filter_visibility(map_receiver at)
     float depth = at.z - 0.5;
     // [texels] of a square as wide as the disc of an occluder 1 away, in the range of depths
     vec2 growth = frame.window[at.cascade].xy * (square_of_disc * frame.blend.w * kernel.z);
-    // what stands between here and the sun lies within the disc's cone up to the map's near end
-    float fastest = max(max(growth.x, growth.y), 1e-9);
-    float farthest = min(at.z, kernel.x / fastest);
-    float reach = min(farthest, 1.0 / fastest);
+#if CSM_SKEWED
+    // light x and y are no lengths across the rays: a disc reaches as far along them as their rows are long
+    growth *= vec2(length(frame.light_from_origin[0].xyz), length(frame.light_from_origin[1].xyz));
+#endif
+    // what stands between here and the sun lies within the disc's cone up to the map's near end; filter_size limits
+    // the area along each axis
+    float slower = max(min(growth.x, growth.y), 1e-9);
+    float farthest = min(at.z, kernel.x / slower);
+    float reach = min(farthest, 1.0 / slower);
     // The area grows until it holds the cone up to the occluders in it. Begun at the widest, surfaces farther away than
     // the receiver would raise the mean and hide occluders near it: light leaked under every eave.
     for (int i = 0; i < 7; i++) {
-        float distance = distance_of_occluders(depth, area_moments(at, max(growth * reach, 0.5)));
+        float distance = distance_of_occluders(depth, area_moments(at, clamp(growth * reach, 0.5, kernel.x)));
         if (distance > 0.0 && distance <= reach) {
             reach = distance;
             break;
@@ -70,6 +76,6 @@ float filter_visibility(map_receiver at)
         }
         reach = min(2.0 * reach, farthest);
     }
-    vec2 found = area_moments(at, max(growth * reach, 0.5));
+    vec2 found = area_moments(at, clamp(growth * reach, 0.5, kernel.x));
     return largest_lit_share(depth, found.x, found.y, frame.moments.z);
 }
