@@ -160,11 +160,13 @@ class ShadowSettings:
     rotated : bool
         The disc is turned from pixel to pixel by interleaved gradient noise [Jimenez2014]_.
     pcss_map : {"depth", "variance", "summed"}
-        Blockers and penumbra from taps, from filtered moments [Yang2010]_, or from their summed
-        areas [Lauritzen2007]_.
+        Blockers and penumbra from taps, from filtered moments in smaller levels [Yang2010]_, or
+        from their summed areas [Lauritzen2007]_, which have any width and 32 bits. Through moments
+        a penumbra costs the same however wide, and light leaks where occluders overlap.
     moment_format : {"float32", "float16", "unorm16"}
         Format of filtered maps; exponents of esm and evsm are limited by it. ``"unorm16"`` holds
-        0 to 1: not for evsm, nor for esm without `log_filter`.
+        0 to 1: not for evsm, nor for esm without `log_filter`. Half floats are too coarse for
+        msm's four moments, which take ``"float32"`` or ``"unorm16"``.
     lookup : {"bilinear", "trilinear", "anisotropic"}
         How filtered maps are looked up: at their full size, or in smaller levels by the footprint
         of the pixel.
@@ -185,7 +187,8 @@ class ShadowSettings:
     layer_count : int
         Layers of lvsm, 2, 4, 6 or 8; each reaches half of its part of the range further either way.
     fourier_terms : int
-        Terms of the series of fourier, an even number up to 16.
+        Terms of the series of fourier, an even number up to 16. Shadows begin 0.6 of the depth
+        range over this behind their caster: it is a filter for short ranges.
     bleed_step, bleed_power : float
         Light of a bound that is at or below the step is taken off, and the rest is raised to the
         power: less light bleeds, and penumbrae are darker [Lauritzen2007]_.

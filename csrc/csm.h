@@ -227,7 +227,7 @@ typedef struct csm_moments {
     const char *format; /* as csm_plan_texture */
     int texel_bytes;
     bool blurred, mipmapped;
-    int sum_bits; /* of a texel in summed areas: a kernel's sum must fit 32 */
+    double sum_steps; /* of the range of depths in summed areas: a kernel's sum must fit 32 bits */
 } csm_moments;
 csm_moments csm_settings_moments(const csm_settings *settings);
 

@@ -313,8 +313,10 @@ csm_bias csm_settings_bias(const csm_settings *settings) {
     double quantum = csm_depth_quantum(effects[CSM_EFFECT_DEPTH_FORMAT]);
     return (csm_bias){
         .receiver_plane = !two_by_two && csm_filter_follows_plane(settings),
-        .slope_texels = two_by_two ? 1.25 : 0.25,
-        .quanta = 1.0 + (4.0 * ldexp(1.0, -24) + csm_settings_mean_rounding(settings)) / quantum,
+        .slope_texels = (two_by_two ? 1.25 : 0.25) + csm_filter_slope_texels(settings),
+        .quanta = 1.0 + (4.0 * ldexp(1.0, -24) + csm_settings_mean_rounding(settings) +
+                         csm_filter_depth_offset(settings)) /
+                            quantum,
         .roundings = 1.0,
     };
 }

@@ -39,7 +39,7 @@ static const struct {
     [CSM_FILTER_LVSM] = {CSM_LOOKS_AT_MOMENTS, 4, BLURRED | HAS_FORMAT | HAS_LEAK},
     [CSM_FILTER_SAVSM] = {CSM_LOOKS_AT_SUMS, 2, HAS_SIZE | HAS_KERNEL | HAS_LEAK},
     [CSM_FILTER_FOURIER] = {CSM_LOOKS_AT_MOMENTS, 4, BLURRED | HAS_FORMAT},
-    [CSM_FILTER_PCSS] = {CSM_LOOKS_AT_DEPTHS, 2, HAS_SIZE | HAS_DISC},
+    [CSM_FILTER_PCSS] = {CSM_LOOKS_AT_DEPTHS, 2, HAS_SIZE | HAS_DISC | HAS_FORMAT | HAS_LEAK},
 };
 
 static bool two_by_two(const csm_settings *settings) {
@@ -81,14 +81,6 @@ static int slices_of(const csm_settings *settings) {
     }
 }
 
-static int log2_above(int value) {
-    int bits = 0;
-    while (1 << bits < value) {
-        bits++;
-    }
-    return bits;
-}
-
 csm_moments csm_settings_moments(const csm_settings *settings) {
     static const struct {
         const char *names[4]; /* by channels; three have none */
@@ -101,12 +93,16 @@ csm_moments csm_settings_moments(const csm_settings *settings) {
     const int *effects = settings->effects;
     csm_moments moments = {.kind = kind_of(settings)};
     if (moments.kind == CSM_LOOKS_AT_SUMS) {
-        /* sums wrap around; differences are right while the kernel's own sum fits 32 bits */
+        /* sums wrap around; differences are right while those of the texels that a kernel covers
+         * whole, and of each of its edges apart, fit 32 bits with a sign. More than the 24 bits of
+         * a float are none: depths have no more, and numbers of steps are exact in shaders */
+        const double inner = effects[CSM_EFFECT_FILTER_SIZE] - 1.0;
+        const double fitting = floor((ldexp(1.0, 31) - 1.0) / fmax(inner * inner, 1.0));
         moments.channels = 2;
         moments.slices = 1;
         moments.format = "rg32ui";
         moments.texel_bytes = 8;
-        moments.sum_bits = 32 - 2 * log2_above(effects[CSM_EFFECT_FILTER_SIZE] + 2);
+        moments.sum_steps = fmin(2.0 * fitting, ldexp(1.0, 24));
     } else if (moments.kind == CSM_LOOKS_AT_MOMENTS) {
         const int format = effects[CSM_EFFECT_MOMENT_FORMAT];
         moments.channels = filters[effects[CSM_EFFECT_FILTER]].channels;
@@ -131,8 +127,11 @@ int csm_settings_kernel_radius(const csm_settings *settings) {
         return size / 2;
     case CSM_FILTER_POISSON:
     case CSM_FILTER_SAVSM:
-    case CSM_FILTER_PCSS:
         return (size + 1) / 2;
+    case CSM_FILTER_PCSS: /* levels of moments reach two texels of theirs beyond the outer taps */
+        return prefiltered_pcss(settings) && kind_of(settings) == CSM_LOOKS_AT_MOMENTS
+                   ? size + 2
+                   : (size + 1) / 2;
     default: /* blurred, then looked up between texels; a coarser level reaches as far as its texel
               */
         return size / 2 + 1 + (levels && !logarithmic(settings) ? 1 << CSM_MAX_LEVEL : 0);
@@ -184,10 +183,6 @@ static double times_rounded(const csm_settings *settings) {
 /* Rounding of a number: of floats a share of it, of unorm16 and sums a share of the range. Drivers
  * may cut off what 16 bits do not hold instead of rounding it (llvmpipe does): a whole unit. */
 static double format_rounding(const csm_settings *settings) {
-    const csm_moments moments = csm_settings_moments(settings);
-    if (moments.kind == CSM_LOOKS_AT_SUMS) {
-        return ldexp(0.5, -moments.sum_bits);
-    }
     switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
     case CSM_MOMENTS_FLOAT16: {
         const int filter = settings->effects[CSM_EFFECT_FILTER];
@@ -213,12 +208,15 @@ static double format_rounding(const csm_settings *settings) {
  * steps are equal m1 is off by u, which makes 2 |m1| u <= u of m1^2, and m2 by u / 4 in unorm16,
  * where it is stored fourfold, by u in sums. */
 double csm_settings_least_variance(const csm_settings *settings) {
+    const csm_moments moments = csm_settings_moments(settings);
+    if (moments.kind == CSM_LOOKS_AT_SUMS) {
+        /* half a step of the depths, at most 1/2 from the middle, an eighth of their squares', and
+         * the roundings of their means to floats */
+        return 0.625 / moments.sum_steps + 1.5 * ldexp(1.0, -24);
+    }
     const double rounding = format_rounding(settings) * times_rounded(settings);
     if (exponential(settings->effects[CSM_EFFECT_FILTER])) {
         return 3.0 * rounding;
-    }
-    if (csm_settings_moments(settings).kind == CSM_LOOKS_AT_SUMS) {
-        return 2.0 * rounding;
     }
     const bool floats = settings->effects[CSM_EFFECT_MOMENT_FORMAT] != CSM_MOMENTS_UNORM16;
     return (floats ? 0.75 : 1.25) * rounding;
@@ -226,8 +224,12 @@ double csm_settings_least_variance(const csm_settings *settings) {
 
 double csm_settings_mean_rounding(const csm_settings *settings) {
     const int *effects = settings->effects;
-    if (csm_settings_moments(settings).kind == CSM_LOOKS_AT_DEPTHS) {
+    const csm_moments moments = csm_settings_moments(settings);
+    if (moments.kind == CSM_LOOKS_AT_DEPTHS) {
         return 0.0;
+    }
+    if (moments.kind == CSM_LOOKS_AT_SUMS) {
+        return 0.5 / moments.sum_steps;
     }
     const double rounding = format_rounding(settings) * times_rounded(settings);
     if (logarithmic(settings) || !exponential(effects[CSM_EFFECT_FILTER])) {
@@ -260,14 +262,31 @@ void csm_settings_exponents(const csm_settings *settings, double out[2]) {
 }
 
 double csm_settings_moment_bias(const csm_settings *settings) {
-    switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
-    case CSM_MOMENTS_FLOAT16:
-        return 0.1;
-    case CSM_MOMENTS_UNORM16:
-        return 6e-5;
+    /* measured (docs/numerics.md 28): the least that bounds every distribution of one to three
+     * depths, after a rounding by the moments and one by each direction of the blur */
+    return settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_UNORM16 ? 1.5e-4 : 2e-6;
+}
+
+double csm_filter_slope_texels(const csm_settings *settings) {
+    const double size = settings->effects[CSM_EFFECT_FILTER_SIZE];
+    switch (settings->effects[CSM_EFFECT_FILTER]) {
+    case CSM_FILTER_MSM:
+        /* four moments leave nothing before a receiver that is a standard deviation before the mean
+         * of an even spread; a box is the widest of the weights, and the mean of two neighbours
+         * adds at most a quarter to the variance */
+        return sqrt((size * size - 1.0) / 12.0 + 0.25);
+    case CSM_FILTER_FOURIER:
+        return 0.5 * (size + 1.0); /* all that blur and lookup see of the receiver's own plane */
     default:
-        return 1e-5;
+        return 0.0;
     }
+}
+
+double csm_filter_depth_offset(const csm_settings *settings) {
+    /* the series is one half at the occluder's own depth, and first 1 where Si(2 pi M x) = pi/2 */
+    return settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_FOURIER
+               ? 0.3066 / settings->effects[CSM_EFFECT_FOURIER_TERMS]
+               : 0.0;
 }
 
 /* -- validation and canonical form ----------------------------------------------------------------
@@ -275,6 +294,11 @@ double csm_settings_moment_bias(const csm_settings *settings) {
 
 static void check_format(const csm_settings *settings, csm_error *err) {
     const int filter = settings->effects[CSM_EFFECT_FILTER];
+    if (filter == CSM_FILTER_MSM &&
+        settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_FLOAT16) {
+        csm_fail_more(err, "moment_format must be float32 or unorm16 for msm (got float16): in as "
+                           "many bytes unorm16 rounds four moments sixteen times finer");
+    }
     if (!exponential(filter) || logarithmic(settings)) {
         return;
     }
@@ -362,7 +386,7 @@ void csm_filter_canonical(csm_settings *settings) {
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_DISC);
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_TAP_COUNT);
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_ROTATED);
-    keep_if(settings, has & HAS_FORMAT, CSM_EFFECT_MOMENT_FORMAT);
+    keep_if(settings, (has & HAS_FORMAT) && moments, CSM_EFFECT_MOMENT_FORMAT);
     keep_if(settings, has & HAS_LOOKUP, CSM_EFFECT_LOOKUP);
     keep_if(settings, !tapped, CSM_EFFECT_SAMPLES);
     keep_if(settings, filter == CSM_FILTER_ESM, CSM_EFFECT_LOG_FILTER);
@@ -381,7 +405,7 @@ void csm_filter_canonical(csm_settings *settings) {
     if (filter != CSM_FILTER_EVSM4) {
         settings->negative_exponent = 0.0;
     }
-    if (!(has & HAS_LEAK)) {
+    if (!(has & HAS_LEAK) || tapped) {
         settings->bleed_step = 0.0;
         settings->bleed_power = 1.0;
     }

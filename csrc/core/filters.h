@@ -14,4 +14,9 @@ bool csm_filter_follows_plane(const csm_settings *settings);
 /* The part of the canonical form that is the filter's. */
 void csm_filter_canonical(csm_settings *settings);
 
+/* What the automatic bias of a filter adds: texels of the receiver's slope, and a share of the
+ * depth range (docs/numerics.md 28). */
+double csm_filter_slope_texels(const csm_settings *settings);
+double csm_filter_depth_offset(const csm_settings *settings);
+
 #endif

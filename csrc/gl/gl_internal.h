@@ -191,8 +191,7 @@ typedef struct csm_frame_uniforms {
     float view_centre[4];               /* x, y of the picture's centre, in the units of view.xy;
                                            view depth of the first split */
     int32_t place[CSM_MAX_CASCADES][4]; /* x, y of the map in what holds it [texels]; layer */
-    float kernel[CSM_MAX_CASCADES][4];  /* half width in x, y [texels]; depth range [m]; texels
-                                           per metre */
+    float kernel[CSM_MAX_CASCADES][4];  /* half width in x, y [texels] */
     float width[4];   /* half of filter_size [texels]; half width [m], and a part of it per metre
                          of view depth; least half width [texels] */
     float blend[4];   /* share of half a map; depth where shadows end; 1 / width of the fade;

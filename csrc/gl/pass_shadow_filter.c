@@ -145,10 +145,11 @@ csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err) {
     return CSM_OK;
 }
 
-/* A texel of summed areas, of 32 bits that wrap around: what the texel itself added. */
+/* A texel of summed areas, of 32 bits that wrap around: what the texel itself added, as depth from
+ * -1/2 to 1/2 and its square. */
 static void read_sums(csm_frame *frame, int size, float *out) {
     const GladGLContext *gl = &frame->renderer->gl;
-    const float unit = 1.0f / (float)((1u << frame->moments.sum_bits) - 1u);
+    const double step = 1.0 / (double)(float)frame->moments.sum_steps;
     uint32_t *sums = malloc((size_t)size * (size_t)size * 2 * sizeof *sums);
     if (!sums) {
         return; /* the caller's array stays as it was made */
@@ -163,7 +164,7 @@ static void read_sums(csm_frame *frame, int size, float *out) {
                 own -= x > 0 ? sums[at - 2] : 0;
                 own -= y > 0 ? sums[at - row] : 0;
                 own += x > 0 && y > 0 ? sums[at - row - 2] : 0;
-                out[at] = (float)own * unit;
+                out[at] = (float)(channel == 0 ? (int32_t)own * step : 0.25 * own * step);
             }
         }
     }

@@ -121,16 +121,13 @@ static kernel_width width_of(const csm_frame *frame) {
 
 /* Where the map lies, and how wide its kernel is. */
 static void write_kernel(const csm_frame *frame, int i, csm_frame_uniforms *uniforms) {
-    const csm_cascades *cascades = &frame->out->cascades;
     const kernel_width kernel = width_of(frame);
-    const double *texel = cascades->texel_size[i];
+    const double *texel = frame->out->cascades.texel_size[i];
     const bool world = frame->settings.effects[CSM_EFFECT_KERNEL] == CSM_KERNEL_WORLD;
     for (int axis = 0; axis < 2; axis++) {
         const double half = world ? kernel.metres / texel[axis] : kernel.most;
         uniforms->kernel[i][axis] = (float)fmax(kernel.least, fmin(half, kernel.most));
     }
-    uniforms->kernel[i][2] = (float)(cascades->depth_range[i][1] - cascades->depth_range[i][0]);
-    uniforms->kernel[i][3] = (float)(1.0 / fmax(texel[0], texel[1]));
     uniforms->place[i][0] = frame->places[i].x;
     uniforms->place[i][1] = frame->places[i].y;
     uniforms->place[i][2] = frame->places[i].layer;
@@ -153,7 +150,7 @@ static void write_filter(const csm_frame *frame, csm_frame_uniforms *uniforms) {
     to_floats((const double[4]){kernel.most, kernel.metres, kernel.metres_per_depth, kernel.least},
               4, uniforms->width);
     to_floats((const double[4]){settings->bleed_step, 1.0 / (1.0 - settings->bleed_step),
-                                settings->bleed_power, ldexp(1.0, frame->moments.sum_bits) - 1.0},
+                                settings->bleed_power, frame->moments.sum_steps},
               4, uniforms->bleed);
 }
 

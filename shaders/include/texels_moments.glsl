@@ -34,10 +34,11 @@ vec4 mean_moments(ivec2 texel)
 
 #if CSM_SUMMED
 
-// In whole steps, so that sums are exact however long they get.
+// In whole steps, so that sums are exact however long they get. The depth has a sign, which sums of 32 bits keep.
 uvec4 texel_moments(ivec2 texel)
 {
-    return uvec4(mean_moments(texel) * frame.bleed.w + 0.5);
+    vec2 steps = floor(mean_moments(texel).xy * frame.bleed.w + 0.5);
+    return uvec4(uint(int(steps.x)), uint(steps.y), 0u, 0u);
 }
 
 #else

@@ -19,8 +19,12 @@ struct verdict
 #include "include/kernel.glsl"
 #if CSM_PREFILTERED
 #include "include/depth_warps.glsl"
-#include "include/moments_lookup.glsl"
 #include "include/chebyshev.glsl"
+#endif
+#if CSM_SUMMED
+#include "include/sums_lookup.glsl"
+#elif CSM_PREFILTERED
+#include "include/moments_lookup.glsl"
 #else
 #include "include/shadow_storage.glsl"
 #include "include/tap.glsl"
@@ -48,6 +52,14 @@ struct verdict
 #include "include/filter_lvsm.glsl"
 #elif CSM_FILTER == CSM_FILTER_PCSS && CSM_PCSS_MAP == CSM_PCSS_MAP_DEPTH
 #include "include/filter_pcss.glsl"
+#elif CSM_FILTER == CSM_FILTER_MSM
+#include "include/filter_msm.glsl"
+#elif CSM_FILTER == CSM_FILTER_SAVSM
+#include "include/filter_savsm.glsl"
+#elif CSM_FILTER == CSM_FILTER_FOURIER
+#include "include/filter_fourier.glsl"
+#elif CSM_FILTER == CSM_FILTER_PCSS && CSM_PCSS_MAP != CSM_PCSS_MAP_DEPTH
+#include "include/filter_pcss_moments.glsl"
 #endif
 
 float map_visibility(map_receiver at)
