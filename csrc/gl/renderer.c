@@ -90,6 +90,8 @@ static void make_samplers(csm_renderer *renderer) {
     const GladGLContext *gl = &renderer->gl;
     renderer->nearest_sampler = make_sampler(renderer, GL_NEAREST, "nearest");
     renderer->moments_sampler = make_sampler(renderer, GL_LINEAR, "moments");
+    gl->SamplerParameteri(renderer->moments_sampler, GL_TEXTURE_MIN_FILTER,
+                          GL_LINEAR_MIPMAP_LINEAR);
     renderer->compare_sampler = make_sampler(renderer, GL_LINEAR, "compare");
     gl->SamplerParameteri(renderer->compare_sampler, GL_TEXTURE_COMPARE_MODE,
                           GL_COMPARE_REF_TO_TEXTURE);
