@@ -188,7 +188,8 @@ typedef struct csm_frame_uniforms {
     float clip[CSM_MAX_CASCADES][4];    /* light x, y to clip x, y: scale, offset */
     float turn[CSM_MAX_CASCADES][4];    /* cosine, sine of its axes against those of light space */
     float normal_from_origin[3][4];     /* rows: normals to light space, where it is skewed */
-    float view_centre[4];               /* x, y of the picture's centre, in the units of view.xy */
+    float view_centre[4];               /* x, y of the picture's centre, in the units of view.xy;
+                                           most lookups along a footprint */
     int32_t place[CSM_MAX_CASCADES][4]; /* x, y of the map in what holds it [texels]; layer */
     float kernel[CSM_MAX_CASCADES][4];  /* half width [texels]; the same per metre of view depth
                                            where it is constant on screen; depth range [m] */

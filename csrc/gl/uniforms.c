@@ -125,6 +125,7 @@ static void write_filter(const csm_frame *frame, csm_frame_uniforms *uniforms) {
     to_floats((const double[4]){exponents[0], exponents[1], csm_settings_least_variance(settings),
                                 csm_settings_moment_bias(settings)},
               4, uniforms->moments);
+    uniforms->view_centre[2] = (float)settings->effects[CSM_EFFECT_ANISOTROPY];
     to_floats((const double[4]){settings->bleed_step, 1.0 / (1.0 - settings->bleed_step),
                                 settings->bleed_power, ldexp(1.0, frame->moments.sum_bits) - 1.0},
               4, uniforms->bleed);

@@ -11,11 +11,12 @@ vec4 blurred(ivec2 texel)
 {
     float half_width = frame.kernel[place.x].x;
     int radius = int(half_width);
+    ivec2 own = min(texel, place.z - 1); // beyond the map its last texel goes on
     vec4 sum = vec4(0.0);
     float total = 0.0;
     for (int offset = -radius; offset <= radius; offset++) {
         float weight = kernel_weight(offset, 0.5, half_width);
-        ivec2 from = clamp(texel + offset * along, ivec2(0), ivec2(place.z - 1));
+        ivec2 from = clamp(own + offset * along, ivec2(0), ivec2(place.z - 1));
         sum += weight * texelFetch(source, ivec3(from, place.y), 0);
         total += weight;
     }
