@@ -139,7 +139,7 @@ vec2 limited(vec2 texels, float longest)
 // Steps in light space are the same for all cascades; a map scales them.
 vec4 footprint_of(receiver point, candidate chosen)
 {
-#if CSM_GRADIENTS == CSM_GRADIENTS_HARDWARE
+#if CSM_GRADIENTS == CSM_GRADIENTS_HARDWARE || (CSM_GRADIENTS == CSM_GRADIENTS_QUAD && CSM_WARPED)
     vec4 texels = chosen.footprint;
 #else
     vec4 growth = chosen.growth;

@@ -23,7 +23,7 @@ receiver as_receiver(receiver point, neighbour other)
     return there;
 }
 
-#if CSM_GRADIENTS == CSM_GRADIENTS_HARDWARE
+#if CSM_GRADIENTS == CSM_GRADIENTS_HARDWARE || CSM_WARPED
 
 // Share of the map's side from its lower left corner: what a shader would look up with.
 vec2 map_share(candidate at)
@@ -36,6 +36,10 @@ vec4 difference(candidate own, candidate beside, candidate above)
     vec2 here = map_share(own);
     return vec4(map_share(beside) - here, map_share(above) - here) * own.centre.w;
 }
+
+#endif
+
+#if CSM_GRADIENTS == CSM_GRADIENTS_HARDWARE
 
 // Each pixel in its own cascade: where those differ, so do the maps that are subtracted.
 choice choose_for_pixel(receiver point)
@@ -52,8 +56,8 @@ choice choose_for_pixel(receiver point)
 
 #else
 
-// place_in_map for a cascade that is not known beforehand.
-bool place_in_cascade(receiver point, int cascade, out candidate here)
+// place_in_map for a cascade that is not known beforehand; of none, here stays.
+bool place_in_cascade(receiver point, int cascade, inout candidate here)
 {
     bool held = false;
     for (int i = 0; i < CSM_CASCADE_COUNT; i++) {
@@ -73,12 +77,13 @@ int cascade_of(receiver point, neighbour other)
 bool held_by(receiver point, neighbour other, int own, int cascade)
 {
     candidate there;
+    there.cascade = cascade;
     return own == no_cascade || place_in_cascade(as_receiver(point, other), cascade, there);
 }
 
 // One cascade for the quad: the finest of its pixels' [Zhang2009] if that map holds all of them with their kernels,
 // else the coarsest, else each pixel keeps its own.
-choice choose_for_pixel(receiver point)
+choice choose_for_quad(receiver point)
 {
     choice chosen = choose_cascade(point);
     int own = chosen.own.cascade;
@@ -108,6 +113,31 @@ choice choose_for_pixel(receiver point)
 #endif
         place_in_cascade(point, settled, chosen.own);
     }
+    return chosen;
+}
+
+#if CSM_WARPED
+
+// From pixel to pixel a warped map's coordinates change more evenly than those of light space, so they are subtracted.
+vec4 difference_in(receiver point, candidate own)
+{
+    candidate beside = own, above = own;
+    place_in_cascade(as_receiver(point, point.beside), own.cascade, beside);
+    place_in_cascade(as_receiver(point, point.above), own.cascade, above);
+    return difference(own, beside, above);
+}
+
+#endif
+
+choice choose_for_pixel(receiver point)
+{
+    choice chosen = choose_for_quad(point);
+#if CSM_WARPED
+    chosen.own.footprint = difference_in(point, chosen.own);
+#if CSM_BLEND != CSM_BLEND_NONE
+    chosen.next.footprint = difference_in(point, chosen.next);
+#endif
+#endif
     return chosen;
 }
 
