@@ -22,7 +22,8 @@ neighbour on_plane(vec4 plane, ivec2 pixel, bool seen)
 {
     view_ray ray = ray_through(pixel);
     float depth = plane_depth(plane, ray);
-    return neighbour(frame.eye_low.xyz + ray.start + depth * ray.direction, towards_camera(plane, ray), depth, seen);
+    vec3 away = frame.eye_low.xyz + ray.start + depth * ray.direction;
+    return neighbour(frame.eye_high.xyz + away, away, towards_camera(plane, ray), depth, seen);
 }
 
 // Beyond an odd rim of the picture the surface at the rim goes on, where nothing is seen the pixel's own.

@@ -4,7 +4,8 @@
 // Another pixel of a pixel's quad.
 struct neighbour
 {
-    vec3 away;    // from the nearer float to the eye: differences keep more digits than those of positions
+    vec3 position;
+    vec3 away;    // from the eye, or all but: differences of it keep more digits than those of positions
     vec3 normal;
     float view_depth;
     bool seen;    // else the pixel's own plane goes on there
@@ -43,8 +44,8 @@ void stand_alone(inout receiver point)
     point.step_x = point.step_y = vec3(0.0);
 #endif
 #if CSM_STEPS == CSM_STEPS_DIFFERENCES
-    point.own = neighbour(vec3(0.0), point.normal, point.view_depth, true);
-    point.beside = point.above = point.across = neighbour(vec3(0.0), point.normal, point.view_depth, false);
+    point.own = neighbour(point.position, vec3(0.0), point.normal, point.view_depth, true);
+    point.beside = point.above = point.across = point.own;
 #endif
 }
 

@@ -14,7 +14,7 @@ choice choose_for_pixel(receiver point)
 receiver as_receiver(receiver point, neighbour other)
 {
     receiver there = point;
-    there.position = frame.eye_high.xyz + other.away;
+    there.position = other.position;
     there.normal = other.normal;
     there.view_depth = other.view_depth;
 #if CSM_TEXCOORD == CSM_TEXCOORD_INTERPOLATED
@@ -57,28 +57,36 @@ choice choose_for_pixel(receiver point)
 #else
 
 // place_in_map for a cascade that is not known beforehand; of none, here stays.
-bool place_in_cascade(receiver point, int cascade, inout candidate here)
+void place_in_cascade(receiver point, int cascade, inout candidate here)
 {
-    bool held = false;
     for (int i = 0; i < CSM_CASCADE_COUNT; i++) {
         if (i == cascade) {
-            held = place_in_map(point, i, here);
+            place_in_map(point, i, here);
         }
     }
-    return held;
 }
 
-int cascade_of(receiver point, neighbour other)
+// What a pixel of the quad says: its cascade, and the maps that hold it, a bit each. One without a cascade has no say.
+struct say
 {
-    return other.seen ? choose_cascade(as_receiver(point, other)).own.cascade : no_cascade;
+    int finest, coarsest, held;
+};
+
+say say_of(receiver there, bool seen)
+{
+    candidate ignored;
+    int held = 0;
+    for (int cascade = 0; cascade < CSM_CASCADE_COUNT; cascade++) {
+        held |= place_in_map(there, cascade, ignored) ? 1 << cascade : 0;
+    }
+    int own = choose_cascade(there).own.cascade;
+    bool counts = seen && own != no_cascade;
+    return say(counts ? own : no_cascade, counts ? own : -1, counts ? held : -1);
 }
 
-// Pixels without a cascade have no say.
-bool held_by(receiver point, neighbour other, int own, int cascade)
+say both(say a, say b)
 {
-    candidate there;
-    there.cascade = cascade;
-    return own == no_cascade || place_in_cascade(as_receiver(point, other), cascade, there);
+    return say(min(a.finest, b.finest), max(a.coarsest, b.coarsest), a.held & b.held);
 }
 
 // One cascade for the quad: the finest of its pixels' [Zhang2009] if that map holds all of them with their kernels,
@@ -86,25 +94,17 @@ bool held_by(receiver point, neighbour other, int own, int cascade)
 choice choose_for_quad(receiver point)
 {
     choice chosen = choose_cascade(point);
+    say quad = both(both(say_of(as_receiver(point, point.own), point.own.seen),
+                         say_of(as_receiver(point, point.beside), point.beside.seen)),
+                    both(say_of(as_receiver(point, point.above), point.above.seen),
+                         say_of(as_receiver(point, point.across), point.across.seen)));
     int own = chosen.own.cascade;
-    int beside = cascade_of(point, point.beside);
-    int above = cascade_of(point, point.above);
-    int across = cascade_of(point, point.across);
-    ivec4 all = ivec4(own, beside, above, across);
-    ivec4 taken = ivec4(own == no_cascade ? -1 : own, beside == no_cascade ? -1 : beside,
-                        above == no_cascade ? -1 : above, across == no_cascade ? -1 : across);
-    int finest = min(min(all.x, all.y), min(all.z, all.w));
-    int coarsest = max(max(taken.x, taken.y), max(taken.z, taken.w));
-    if (own == no_cascade || finest >= coarsest) {
+    if (own == no_cascade || quad.finest >= quad.coarsest) {
         return chosen;
     }
-    bvec2 held = bvec2(true);
-    for (int i = 0; i < 2; i++) {
-        int cascade = i == 0 ? finest : coarsest;
-        held[i] = held_by(point, point.own, own, cascade) && held_by(point, point.beside, beside, cascade) &&
-                  held_by(point, point.above, above, cascade) && held_by(point, point.across, across, cascade);
-    }
-    int settled = held.x ? finest : held.y ? coarsest : own;
+    int settled = (quad.held >> quad.finest & 1) != 0     ? quad.finest
+                  : (quad.held >> quad.coarsest & 1) != 0 ? quad.coarsest
+                                                          : own;
     if (settled != own) {
 #if CSM_BLEND != CSM_BLEND_NONE
         // a pixel moved to the finer map has left the part that is that map's alone
