@@ -21,7 +21,8 @@ float filter_visibility(map_receiver at)
     int what = int(round(frame.blend.w * 1000.0));
     vec2 place = vec2(at.texel) + at.fraction;
     if (what >= 5) {
-        return what == 5 ? place.x : what == 6 ? place.y : what == 7 ? at.slope.x : what == 8 ? at.slope.y : at.z;
+        float plane = what == 7 ? at.slope.x : what == 8 ? at.slope.y : at.z;
+        return what == 5 ? place.x : what == 6 ? place.y : plane;
     }
 #if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
     if (what < 4) {

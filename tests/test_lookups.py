@@ -5,7 +5,7 @@ import numpy as np
 import probes
 import pytest
 import small_scenes
-from test_seams import striped
+import stripes
 
 import csm
 
@@ -30,9 +30,7 @@ def answers(tmp_path_factory):
     looked up, and the frame with its maps."""
     made = {}
 
-    def ask(
-        what, name, factor, settings, outputs=("mask", "cascade_index", "moments"), **more
-    ):
+    def ask(what, name, factor, settings, outputs=("mask", "cascade_index", "moments"), **more):
         if name not in made:
             folder = tmp_path_factory.mktemp("footprint")
             expression = f"frame.bleed.z * {FOOTPRINTS[name][0]}"
@@ -166,29 +164,20 @@ def test_kernels_stay_in_the_map(answers):
 # -- in pictures -----------------------------------------------------------------------------------
 
 
-def stripe_share(camera, to_light, samples=8):
-    """(h, w) share of each pixel's ground that the slats of `striped` leave in the sun."""
-    column, row = probes.centres(camera)
-    offsets = (np.arange(samples) + 0.5) / samples - 0.5
-    lit = np.zeros(row.shape)
-    for dx in offsets:
-        for dy in offsets:
-            ground = probes.ground_points(camera, column + dx, row + dy)
-            x = ground[..., 0] + 3.0 * to_light[0] / to_light[1]
-            lit += np.mod(x, 0.5) >= 0.25
-    return lit / samples**2
-
-
-def test_along_the_footprint_is_sharper(renderer, tmp_path):
+def test_along_the_footprint_is_sharper(renderer):
     """Stripes away from the camera, seen at a slant: trilinear lookups, as wide as the footprint is
     long, wash them out; lookups along it keep what a pixel can show."""
     sun = csm.Sun((0.3, 1, 0.1))
-    view = csm.Camera.look_at((0, 1.2, 8), (0, 0, 0), fov_y_deg=30, near=0.3, far=60, size=(160, 60))
+    view = csm.Camera.look_at(
+        (0, 1.2, 8), (0, 0, 0), fov_y_deg=30, near=0.3, far=60, size=(160, 60)
+    )
     base = BASE.replace(map_size=1024, gradients="analytic", max_distance=40.0, fit="box")
-    truth = stripe_share(view, sun.to_light)
-    error = {}
+    truth = stripes.stripe_share(view, sun.to_light)
+    scene, error = stripes.striped(), {}
     for lookup in ("trilinear", "anisotropic"):
-        frame = renderer.render(striped(), view, sun, base.replace(lookup=lookup, anisotropy=16))
+        frame = renderer.render(
+            scene, view, sun, base.replace(lookup=lookup, anisotropy=16)
+        )
         assert np.isfinite(frame.mask).all()
         own = (frame.cascade_index != 255) & (frame.view_depth > 6) & (frame.view_depth < 14)
         assert own.sum() > 1000

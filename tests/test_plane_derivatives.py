@@ -23,8 +23,8 @@ def probe(tmp_path_factory):
 
 
 def gradients(probe, scene, view, settings=BASE, to_light=TO_LIGHT):
-    """(h, w, 2) change of light-view depth over light x, y [m/m] that the bias takes, the frame, and
-    the pixels that face the sun in some cascade."""
+    """(h, w, 2) change of light-view depth over light x, y [m/m] that the bias takes, the frame,
+    and the pixels that face the sun in some cascade."""
     frames = [
         probes.ask(probe, what, scene, view, to_light, settings, outputs=OUTPUTS)
         for what in ("slope_u", "slope_v")

@@ -7,6 +7,7 @@ import numpy as np
 import probes
 import pytest
 import small_scenes
+import stripes
 
 import csm
 from csm import shapes
@@ -132,7 +133,9 @@ def test_q1_a_quad_takes_one_map_that_holds_it(renderer, figure, scene, size, se
 
 
 VIEWS = {
-    "walking": csm.Camera.look_at((3, 6, 5), (1, 0, -20), fov_y_deg=50, near=0.5, far=150, size=ODD),
+    "walking": csm.Camera.look_at(
+        (3, 6, 5), (1, 0, -20), fov_y_deg=50, near=0.5, far=150, size=ODD
+    ),
     "rolled": csm.Camera.look_at(
         (0, 9, 0), (6, 0, -9), (1, 2, 0), fov_y_deg=70, near=0.5, far=150, size=ODD
     ),
@@ -169,7 +172,9 @@ def footprints(probe, view, **changes):
         return probes.texels_of(frame.cascades, index, points)
 
     h = 1e-4  # pixels: error h^2 of the third derivative, and 1e-13 / h of rounding
-    exact = np.stack([texels(h, 0) - texels(-h, 0), texels(0, h) - texels(0, -h)], axis=-2) / (2 * h)
+    exact = np.stack([texels(h, 0) - texels(-h, 0), texels(0, h) - texels(0, -h)], axis=-2) / (
+        2 * h
+    )
     return steps, exact, frame
 
 
@@ -263,18 +268,6 @@ def test_q2_footprints_of_turned_windows(probe):
 # -- the seam in the picture -----------------------------------------------------------------------
 
 
-def striped():
-    """Slats high above the ground, seen from between the two."""
-    positions, triangles = shapes.ground(200.0)
-    slats = np.arange(-60, 60)[:, None, None] * np.array([0.5, 0.0, 0.0])
-    corners = np.array([[0, 3, -60], [0.25, 3, -60], [0.25, 3, 30], [0, 3, 30]]) + slats
-    more = np.array([[0, 2, 1], [0, 3, 2]]) + 4 * np.arange(120)[:, None, None] + len(positions)
-    return csm.Scene.from_arrays(
-        np.concatenate([positions, corners.reshape(-1, 3)]),
-        np.concatenate([triangles, more.reshape(-1, 3)]),
-    )
-
-
 def seam(frame):
     """Mean difference of visibility between neighbours of different cascades."""
     differences = []
@@ -286,28 +279,37 @@ def seam(frame):
     return float(np.concatenate(differences).mean())
 
 
-def test_the_seam_is_there_and_goes_away(renderer, figure):
+@pytest.mark.parametrize("lookup", ["trilinear", "anisotropic"])
+def test_the_seam_is_there_and_goes_away(renderer, figure, lookup):
+    """Light of pixels in quads of two cascades, against the share of each that lies in the sun."""
     view = csm.Camera.look_at(
         (0, 2, 8), (0, 0, 2), (0.2, 1, 0), fov_y_deg=40, near=0.3, far=30, size=(240, 136)
     )
     base = csm.ShadowSettings(
-        filter="vsm", filter_size=1, map_size=1024, lookup="trilinear", split="manual",
+        filter="vsm", filter_size=1, map_size=1024, lookup=lookup, split="manual",
         manual_splits=(5, 8, 12), fit="box", select="interval",
     )  # fmt: skip
-    scene, sun = striped(), csm.Sun((0.3, 1, 0.1))
+    scene, sun = stripes.striped(), csm.Sun((0.3, 1, 0.1))
     frames = {
         gradients: renderer.render(scene, view, sun, base.replace(gradients=gradients))
         for gradients in ("hardware", "quad", "analytic")
     }
-    seams = {name: seam(frame) for name, frame in frames.items()}
+    truth = stripes.stripe_share(view, sun.to_light)
+    own = at_seams(frames["hardware"]) & (frames["hardware"].view_depth < 10)
+    assert own.sum() > 100
+    off = {name: np.abs(frame.mask - truth)[own].mean() for name, frame in frames.items()}
     picture = np.concatenate(
         [np.round(255 * frame.mask).astype(np.uint8) for frame in frames.values()]
     )
+    share = {"trilinear": 0.9, "anisotropic": 0.3}[lookup]
     for name in ("quad", "analytic"):
-        figure("Q2", f"seam, {name} against hardware", seams[name] / seams["hardware"], 0.95,
+        figure("Q2", f"error at seams, {name}, {lookup}", off[name] / off["hardware"], share,
                "of the hardware's", picture)  # fmt: skip
+    if lookup == "trilinear":  # sharper stripes differ more from pixel to pixel than a seam does
+        jump = {name: seam(frame) for name, frame in frames.items()}
+        assert max(jump["quad"], jump["analytic"]) < 0.95 * jump["hardware"]
     # away from seams the three agree about how much light there is
-    assert np.ptp([frame.mask.mean() for frame in frames.values()]) < 1e-3
+    assert np.ptp([frame.mask.mean() for frame in frames.values()]) < 2e-3
 
 
 # -- stages and points -----------------------------------------------------------------------------

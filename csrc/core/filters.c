@@ -139,9 +139,8 @@ int csm_settings_taps(const csm_settings *settings) {
     case CSM_FILTER_PCSS:
         return 2 * effects[CSM_EFFECT_TAP_COUNT];
     default:
-        return effects[CSM_EFFECT_LOOKUP] == CSM_LOOKUP_ANISOTROPIC
-                   ? effects[CSM_EFFECT_ANISOTROPY]
-                   : 1;
+        return effects[CSM_EFFECT_LOOKUP] == CSM_LOOKUP_ANISOTROPIC ? effects[CSM_EFFECT_ANISOTROPY]
+                                                                    : 1;
     }
 }
 

@@ -31,9 +31,8 @@ static filter_texture between(const csm_frame *frame) {
 /* Texels along a side that the last step writes: with smaller levels a map that is a part of its
  * layer goes on beyond its rim, so that no level takes in what lies there. */
 static int filled_size(const csm_frame *frame, int size) {
-    return frame->moments.mipmapped
-               ? frame->renderer->targets[CSM_TARGET_MOMENTS].wanted.width
-               : size;
+    return frame->moments.mipmapped ? frame->renderer->targets[CSM_TARGET_MOMENTS].wanted.width
+                                    : size;
 }
 
 static void run_on_texels(csm_frame *frame, filter_texture out, int size) {
