@@ -175,9 +175,7 @@ def test_along_the_footprint_is_sharper(renderer):
     truth = stripes.stripe_share(view, sun.to_light)
     scene, error = stripes.striped(), {}
     for lookup in ("trilinear", "anisotropic"):
-        frame = renderer.render(
-            scene, view, sun, base.replace(lookup=lookup, anisotropy=16)
-        )
+        frame = renderer.render(scene, view, sun, base.replace(lookup=lookup, anisotropy=16))
         assert np.isfinite(frame.mask).all()
         own = (frame.cascade_index != 255) & (frame.view_depth > 6) & (frame.view_depth < 14)
         assert own.sum() > 1000
