@@ -99,6 +99,34 @@ def test_d2_planes_towards_edge_on(probe, figure, facing, azimuth):
         assert length.min() > 0.5 * LARGEST, "the guard for parallel steps does not cut it off"
 
 
+@pytest.mark.parametrize(
+    ("steps", "expected"),
+    [
+        ("vec3(1.0, 2.0, 3.0), vec3(2.0, 4.0, 5.0)", (0.0, 0.0)),
+        ("vec3(1.0, 0.0, 3.0), vec3(1.0, 1e-7, 5.0)", (0.0, 0.0)),
+        ("vec3(0.0), vec3(1.0, 0.0, 5.0)", (0.0, 0.0)),
+        # z = -2 x - 3 y, and y steps half as far as x: depth grows by 2 and 3
+        ("vec3(2.0, 0.0, -4.0), vec3(0.0, 1.0, -3.0)", (2.0, 3.0)),
+        ("vec3(1.0, 1.0, -5.0), vec3(1.0, -1.0, 1.0)", (2.0, 3.0)),
+        # apart, but far too steep: the limit, in the same direction
+        ("vec3(1.0, 0.0, -3e6), vec3(0.0, 1.0, -4e6)", (600.0, 800.0)),
+    ],
+)
+def test_d2_steps_that_span_no_plane(tmp_path, steps, expected):
+    """The determinant's guard, and the limit, at steps that are given."""
+    shaders = probes.folder(tmp_path)
+    path = shaders / "include" / "shadow_bias.glsl"
+    own = "gradient_of_steps(point.step_x, point.step_y)"
+    assert own in path.read_text()
+    path.write_text(path.read_text().replace(own, f"gradient_of_steps({steps})"))
+    with csm.Renderer(shader_dir=shaders) as given:
+        view = small_scenes.camera(0, size=(16, 9))
+        settings = BASE.replace(cascade_count=1, map_size=64)
+        found, _, judged = gradients(given, csm.scenes.plane_and_box(), view, settings)
+    assert judged.any()
+    assert np.abs(found[judged] - expected).max() < 1e-5 * (1.0 + max(expected))
+
+
 @pytest.mark.parametrize("height", [0.0, 1e-4, 1e-2])
 def test_d2_a_camera_edge_on_to_the_ground(probe, renderer, figure, height):
     """Steps as long as the view, and parallel to each other: finite, and within the limit."""
