@@ -43,6 +43,8 @@ CASES = {
     "B1": "light basis",
     "C1": "coverage of the view",
     "C2": "selection of a cascade",
+    "Q1": "one cascade for a quad of pixels",
+    "Q2": "footprints across splits",
     "T1": "texture coordinates",
     "D1": "depth bias",
     "D2": "receiver planes towards edge-on",

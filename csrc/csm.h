@@ -168,6 +168,7 @@ enum { CSM_MOMENTS_FLOAT32, CSM_MOMENTS_FLOAT16, CSM_MOMENTS_UNORM16 };
 enum { CSM_LOOKUP_BILINEAR, CSM_LOOKUP_TRILINEAR, CSM_LOOKUP_ANISOTROPIC };
 enum { CSM_GRADIENTS_HARDWARE, CSM_GRADIENTS_QUAD, CSM_GRADIENTS_ANALYTIC };
 enum { CSM_PLANE_NORMAL, CSM_PLANE_DERIVATIVES };
+enum { CSM_STEPS_NONE, CSM_STEPS_ANALYTIC, CSM_STEPS_DIFFERENCES };
 enum { CSM_BLEND_NONE, CSM_BLEND_LINEAR, CSM_BLEND_SMOOTH, CSM_BLEND_DITHER };
 enum { CSM_BIAS_AUTO, CSM_BIAS_MANUAL };
 enum { CSM_BIAS_RECEIVER, CSM_BIAS_CASTER };
@@ -213,7 +214,8 @@ int csm_settings_kernel_radius(const csm_settings *settings);
 /* Width of transitions as a share: blend_width, or 0 without blending. Of canonical settings. */
 double csm_settings_band(const csm_settings *settings);
 
-/* Coarsest level of filtered maps that is looked up: a window keeps its texel free at the rim. */
+/* Coarsest level of filtered maps that is looked up: a window keeps free at the rim what a lookup
+ * between its texels reaches. */
 #define CSM_MAX_LEVEL 4
 
 /* How a filter works (csrc/core/filters.c has the one table). */

@@ -244,6 +244,17 @@ static void canonical_bias(csm_settings *settings) {
     effects[CSM_EFFECT_NORMAL_OFFSET] = settings->normal_offset_texels != 0.0;
 }
 
+/* Steps to neighbours are for footprints that are not analytic, and for planes through them. */
+static void canonical_steps(csm_settings *settings) {
+    int *effects = settings->effects;
+    const bool looked_up = effects[CSM_EFFECT_LOOKUP] != CSM_LOOKUP_BILINEAR;
+    const bool analytic = effects[CSM_EFFECT_GRADIENTS] == CSM_GRADIENTS_ANALYTIC;
+    const bool planes = effects[CSM_EFFECT_PLANE] == CSM_PLANE_DERIVATIVES;
+    effects[CSM_EFFECT_STEPS] = planes || (looked_up && !analytic) ? CSM_STEPS_DIFFERENCES
+                                : looked_up                        ? CSM_STEPS_ANALYTIC
+                                                                   : CSM_STEPS_NONE;
+}
+
 static void canonical_transitions(csm_settings *settings) {
     int *effects = settings->effects;
     if (effects[CSM_EFFECT_CASCADE_COUNT] == 1 || settings->blend_width == 0.0) {
@@ -273,6 +284,7 @@ void csm_settings_canonical(csm_settings *settings) {
     }
     canonical_storage(settings);
     canonical_bias(settings);
+    canonical_steps(settings);
     canonical_transitions(settings);
     if (effects[CSM_EFFECT_SELECT] == CSM_SELECT_FRUSTUM &&
         csm_settings_kernel_radius(settings) == 0) {

@@ -132,9 +132,9 @@ int csm_settings_kernel_radius(const csm_settings *settings) {
         return prefiltered_pcss(settings) && kind_of(settings) == CSM_LOOKS_AT_MOMENTS
                    ? size + 2
                    : (size + 1) / 2;
-    default: /* blurred, then looked up between texels; a coarser level reaches as far as its texel
-              */
-        return size / 2 + 1 + (levels && !logarithmic(settings) ? 1 << CSM_MAX_LEVEL : 0);
+    default: /* blurred, then looked up between texels, at worst those of the coarsest level: a lookup
+              * between texels reaches one and a half of them */
+        return size / 2 + (levels && !logarithmic(settings) ? 3 << (CSM_MAX_LEVEL - 1) : 1);
     }
 }
 
@@ -148,7 +148,8 @@ int csm_settings_taps(const csm_settings *settings) {
     case CSM_FILTER_PCSS:
         return 2 * effects[CSM_EFFECT_TAP_COUNT];
     default:
-        return 1;
+        return effects[CSM_EFFECT_LOOKUP] == CSM_LOOKUP_ANISOTROPIC ? effects[CSM_EFFECT_ANISOTROPY]
+                                                                    : 1;
     }
 }
 
@@ -398,6 +399,10 @@ void csm_filter_canonical(csm_settings *settings) {
     keep_if(settings, filter == CSM_FILTER_FOURIER, CSM_EFFECT_FOURIER_TERMS);
     const int lookup = effects[CSM_EFFECT_LOOKUP];
     keep_if(settings, lookup != CSM_LOOKUP_BILINEAR, CSM_EFFECT_GRADIENTS);
+    if (effects[CSM_EFFECT_CASCADE_COUNT] == 1 &&
+        effects[CSM_EFFECT_GRADIENTS] == CSM_GRADIENTS_QUAD) {
+        effects[CSM_EFFECT_GRADIENTS] = CSM_GRADIENTS_HARDWARE; /* a quad has one cascade anyway */
+    }
     keep_if(settings, lookup == CSM_LOOKUP_ANISOTROPIC, CSM_EFFECT_ANISOTROPY);
     if (!(has & HAS_EXPONENT)) {
         settings->exponent = 0.0;

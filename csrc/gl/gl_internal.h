@@ -189,7 +189,8 @@ typedef struct csm_frame_uniforms {
     float turn[CSM_MAX_CASCADES][4];    /* cosine, sine of its axes against those of light space */
     float normal_from_origin[3][4];     /* rows: normals to light space, where it is skewed */
     float view_centre[4];               /* x, y of the picture's centre, in the units of view.xy;
-                                           view depth of the first split */
+                                           view depth of the first split; most lookups along a
+                                           footprint */
     int32_t place[CSM_MAX_CASCADES][4]; /* x, y of the map in what holds it [texels]; layer */
     float kernel[CSM_MAX_CASCADES][4];  /* half width in x, y [texels] */
     float width[4];   /* half of filter_size [texels]; half width [m], and a part of it per metre

@@ -149,6 +149,7 @@ static void write_filter(const csm_frame *frame, csm_frame_uniforms *uniforms) {
               4, uniforms->moments);
     to_floats((const double[4]){kernel.most, kernel.metres, kernel.metres_per_depth, kernel.least},
               4, uniforms->width);
+    uniforms->view_centre[3] = (float)settings->effects[CSM_EFFECT_ANISOTROPY];
     to_floats((const double[4]){settings->bleed_step, 1.0 / (1.0 - settings->bleed_step),
                                 settings->bleed_power, frame->moments.sum_steps},
               4, uniforms->bleed);

@@ -16,6 +16,10 @@ struct candidate
     float scale;   // depth per metre
     bool in_range; // of the map's depths
     vec2 density;  // texels per metre
+#if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
+    vec4 growth;    // texels in u, v per metre along light x, then along light y
+    vec4 footprint; // where it is taken from maps; else it comes of light space
+#endif
 };
 
 // False if the kernel would leave the map or the depth range.
@@ -30,6 +34,10 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.constant_bias = frame.depth[cascade].z;
     here.scale = -frame.depth[cascade].x;
     here.density = frame.window[cascade].xy;
+#if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
+    vec2 along_x = turned(vec2(1.0, 0.0), cascade), along_y = turned(vec2(0.0, 1.0), cascade);
+    here.growth = vec4(along_x * frame.window[cascade].xy, along_y * frame.window[cascade].xy);
+#endif
     bool inside = inside_window(here.texels, here.centre);
 #if CSM_NORMAL_OFFSET
     // an offset may lift what lies at the range's near end out of it: the surface itself decides
@@ -150,6 +158,30 @@ choice choose_cascade(receiver point)
     return chosen;
 }
 
+#if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
+
+// Steps as long as the whole map ask for no more than its coarsest level, and are finite in every format.
+vec2 limited(vec2 texels, float longest)
+{
+    float ratio = longest / max(length(texels), longest);
+    return texels * ratio;
+}
+
+// Steps in light space are the same for all cascades; a map scales them.
+vec4 footprint_of(receiver point, candidate chosen)
+{
+#if CSM_GRADIENTS == CSM_GRADIENTS_HARDWARE || (CSM_GRADIENTS == CSM_GRADIENTS_QUAD && CSM_WARPED)
+    vec4 texels = chosen.footprint;
+#else
+    vec4 growth = chosen.growth;
+    vec4 texels = vec4(growth.xy * point.step_x.x + growth.zw * point.step_x.y,
+                       growth.xy * point.step_y.x + growth.zw * point.step_y.y);
+#endif
+    return vec4(limited(texels.xy, chosen.centre.w), limited(texels.zw, chosen.centre.w));
+}
+
+#endif
+
 map_receiver in_map(receiver point, candidate chosen)
 {
     int cascade = min(chosen.cascade, CSM_CASCADE_COUNT - 1);
@@ -169,6 +201,9 @@ map_receiver in_map(receiver point, candidate chosen)
     at.level = level_slope(chosen);
     at.density = chosen.density;
     at.scale = chosen.scale;
+#if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
+    at.footprint = footprint_of(point, chosen);
+#endif
     at.noise = point.noise;
     at.view_depth = point.view_depth;
     return at;

@@ -23,7 +23,7 @@ struct frame_values
     vec4 clip[8];                   // light x, y to clip x, y: scale, offset
     vec4 turn[8];                   // cosine, sine of its axes against those of light space
     vec4 normal_from_origin[3];     // rows: normals to light space, where it is skewed
-    vec4 view_centre;               // x, y of the picture's centre, in the units of view.xy; view depth of the first split
+    vec4 view_centre;               // x, y of the picture's centre, in the units of view.xy; view depth of the first split; most lookups along a footprint
     ivec4 place[8];                 // x, y of the map in what holds it [texels]; layer
     vec4 kernel[8];                 // half width in x, y [texels]
     vec4 width;                     // half of filter_size [texels]; half width [m], and a part per metre of view depth; least [texels]

@@ -9,7 +9,8 @@ layout(binding = 4) uniform sampler2DArray source;
 
 vec4 neighbour(ivec2 texel, int offset)
 {
-    ivec2 from = clamp(texel + offset * along, ivec2(0), ivec2(place.z - 1));
+    ivec2 own = min(texel, place.z - 1); // beyond the map its last texel goes on
+    ivec2 from = clamp(own + offset * along, ivec2(0), ivec2(place.z - 1));
     return texelFetch(source, ivec3(from, place.y), 0);
 }
 

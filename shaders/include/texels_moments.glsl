@@ -45,7 +45,7 @@ uvec4 texel_moments(ivec2 texel)
 
 vec4 texel_moments(ivec2 texel)
 {
-    return mean_moments(texel);
+    return mean_moments(min(texel, place.z - 1)); // beyond the map its last texel goes on
 }
 
 #endif

@@ -14,6 +14,7 @@ struct verdict
 
 #include "include/shadow_bias.glsl"
 #include "include/cascade_select.glsl"
+#include "include/seams.glsl"
 
 // An include is resolved once, whatever #if surrounds it: what several filters share stands here.
 #include "include/kernel.glsl"
@@ -88,7 +89,7 @@ float transition(float next_weight, float noise)
 
 verdict receiver_verdict(receiver point)
 {
-    choice chosen = choose_cascade(point);
+    choice chosen = choose_for_pixel(point);
     verdict found;
     found.cascade = chosen.own.cascade;
     found.next_weight = 0.0;
@@ -119,7 +120,7 @@ verdict receiver_verdict(receiver point)
 
 int receiver_cascade(receiver point)
 {
-    return choose_cascade(point).own.cascade;
+    return choose_for_pixel(point).own.cascade;
 }
 
 #else

@@ -18,6 +18,10 @@ struct candidate
     vec2 density;  // texels per metre
     float largest; // by hand, biases take the larger side of the texel: its depth, else 0
     bool in_range; // of the map's depths
+#if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
+    vec4 growth;    // texels in u, v per metre along light x, then along light y
+    vec4 footprint; // where it is taken from maps; else it comes of light space
+#endif
 };
 
 // Derivatives of a map at a place: with clip (u, v), local (a, b) and w they are da/du = w / across.x,
@@ -75,6 +79,14 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.constant_bias += frame.bias.w * abs(here.tilt) * tilted;
     here.largest = frame.slope[cascade].w > 0.0 ? largest * here.scale : 0.0;
     here.in_range = in_range;
+#if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
+    // local a, b to clip u, v: du = across / w * (da + bend * db), dv = along / w * db
+    vec2 along_x = vec2(warp.along_x[cascade].x, warp.along_y[cascade].x);
+    vec2 along_y = vec2(warp.along_x[cascade].y, warp.along_y[cascade].y);
+    vec2 texels = vec2(across, at.along) * here.centre.z / at.w;
+    here.growth = vec4(along_x.x + at.bend * along_x.y, along_x.y, along_y.x + at.bend * along_y.y, along_y.y) *
+                  texels.xyxy;
+#endif
     return inside_window(here.texels, here.centre) && in_range;
 }
 
