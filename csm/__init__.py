@@ -3,11 +3,11 @@
 from importlib import metadata as _metadata
 
 from . import plot, scenes
-from .cascades import Cascades, fit_cascades
+from .cascades import Cascades, bias_metres, fit_cascades
 from .check_files import read_check, write_check
 from .checks import CascadeCheck, CheckProblem, check_cascades
 from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, ShaderError
-from .frame import Frame
+from .frame import Frame, Visibility
 from .loading import load, load_elevation
 from .metrics import ErrorReport, compare
 from .motion import FlickerReport, flicker
@@ -41,7 +41,9 @@ __all__ = [
     "ShadowSettings",
     "Sun",
     "Truth",
+    "Visibility",
     "backends",
+    "bias_metres",
     "check_cascades",
     "compare",
     "fit_cascades",

@@ -14,7 +14,7 @@ from .scene import Scene
 from .settings import ShadowSettings
 from .sun import Sun
 
-__all__ = ["Cascades", "fit_cascades"]
+__all__ = ["Cascades", "bias_metres", "fit_cascades"]
 
 _KINDS = {"scene": Scene, "camera": Camera, "sun": Sun, "settings": ShadowSettings}
 
@@ -202,6 +202,49 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held=None
         boxes=_part_boxes(scene) if settings.fit == "focus" else None,
     )
     return Cascades(**fitted)
+
+
+def bias_metres(cascades, settings):
+    """Biases of settings in metres along the light; needs no OpenGL.
+
+    Parameters
+    ----------
+    cascades : Cascades
+    settings : ShadowSettings
+
+    Returns
+    -------
+    biases : list of dict
+        One per cascade, empty under ``filter="none"``. With g = (gx, gy) the change of light-view
+        depth over light x and y on a surface [m/m] and θ the angle between its normal and the sun:
+
+        - ``side``: "receiver", or "caster" where constant and slope push casters back in the map
+        - ``constant_m``: bias at any slope; under ``bias="auto"`` whole depth quanta and the
+          rounding of float32 depths
+        - ``slope_m``: to be multiplied by |gx| + |gy|, on casters by the larger of both
+        - ``normal_offset_m``: to be multiplied by sin θ, along the normal
+        - ``receiver_plane``: whether compares follow the receiver's plane
+        - ``needed_constant_m``, ``needed_slope_m``: the least without acne on a plane, on the
+          receiver's side: half a quantum, and the reach of the filter, none along a receiver plane
+        - ``texel_m``: the larger side of a texel, ``quantum_m``: the step of stored depths
+
+        Under a warp all of them hold at the map's centre. ``bias="auto"`` takes each side of a
+        texel by itself and adds the float32 rounding of each receiver's own position
+        (docs/numerics.md 11 and 30).
+
+    Raises
+    ------
+    TypeError
+        If `cascades` or `settings` is something else.
+    """
+    if not isinstance(cascades, Cascades):
+        raise TypeError(f"cascades must be a csm.Cascades (got {type(cascades).__name__})")
+    check_kinds(settings=settings)
+    if settings.filter == "none":
+        return []
+    return _core.bias_metres(
+        settings, cascades.clip_from_light, cascades.map_size, cascades.depth_range
+    )
 
 
 _boxes = weakref.WeakKeyDictionary()  # Scene to (m, 6) boxes of its parts

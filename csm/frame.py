@@ -1,13 +1,34 @@
 """What a render gives back: arrays, matrices, times."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from . import _core
 from .plans import OUTPUTS
 
-__all__ = ["Frame"]
+__all__ = ["Frame", "Visibility"]
 
 POINT_OUTPUTS = ("point_visibility", "point_cascade", "point_blend_weight")
+
+
+@dataclass(frozen=True, eq=False)
+class Visibility:
+    """What shadow maps say of points in the world.
+
+    Attributes
+    ----------
+    mask : (m,) float32
+        Visibility of the sun, 0 to 1, 1 = lit.
+    cascade_index : (m,) uint8
+        255 = none: beyond the shadow range or outside every map, lit.
+    blend_weight : (m,) float32
+        Share of the next cascade in `mask`, 0 to 1; that of `cascade_index` is the rest.
+    """
+
+    mask: np.ndarray
+    cascade_index: np.ndarray
+    blend_weight: np.ndarray
 
 
 class Frame:
@@ -49,7 +70,8 @@ class Frame:
     info : dict
         Driver, back end, clock of the timings, bytes, programs, canonical settings, culling:
         ``chunks_drawn`` and ``triangles_drawn`` per cascade, ``chunks_culled`` and, of those,
-        ``chunks_culled_exclusive``, what exclusive culling alone left out.
+        ``chunks_culled_exclusive``, what exclusive culling alone left out. ``bias`` is
+        `csm.bias_metres` of the frame: what its biases are in metres, a dict per cascade.
 
     Raises
     ------

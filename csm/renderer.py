@@ -12,13 +12,14 @@ from importlib import resources
 import numpy as np
 
 from . import _core
-from .cascades import Cascades, check_kinds
+from .cascades import Cascades, bias_metres, check_kinds
 from .cutouts import core_meshes, has_cutout
 from .errors import ContextError, GLWarning, LimitError, ShaderError
-from .frame import Frame, array_shapes, prepare_arrays
+from .frame import Frame, Visibility, array_shapes, prepare_arrays
 from .plans import DEFAULT_OUTPUTS, MAP_OUTPUTS, output_bits
 from .settings import ShadowSettings
 from .spaces import real_array
+from .stages import STAGES, check_stage, faster_stage
 
 __all__ = ["Renderer", "backends"]
 
@@ -33,8 +34,6 @@ INSTALL_HINT = "install libegl1 and libgl1-mesa-dri, or libosmesa6"
 # this a frame must not depend on what was rendered before it.
 HELD_STEP_SHARE = 0.05  # of the view range
 HELD_TURN_COSINE = math.cos(math.radians(10.0))
-
-STAGES = {"auto": 0, "compute": 0, "fragment": 1}
 
 _alive = weakref.WeakSet()
 _orphans = []  # GLFW renderers that died off the main thread, which alone may close them
@@ -77,7 +76,9 @@ class Renderer:
         Folder of shaders to use instead of the package's own; see `reload`.
     stage : {"auto", "compute", "fragment"}
         Where passes over pixels and texels run: as compute shaders, or as fragments of a triangle
-        that covers them; both give the same. ``"auto"`` is the faster one.
+        that covers them; both give the same. ``"auto"`` is the one that this driver is faster at,
+        found by drawing small frames in a context of their own when a process first opens a
+        renderer on it (a fifth of a second on software GL); ``info["stage"]`` tells.
 
     Raises
     ------
@@ -95,7 +96,8 @@ class Renderer:
         self._dropped = []  # handles of scenes that are gone, freed at the next call
         self._warned = set()
         self._walk = threading.local()  # .held: what the thread's last frame hands on
-        self._core = _open(backend, bool(debug), _shader_folder(shader_dir), _stage_number(stage))
+        check_stage(stage)
+        self._core = _open(backend, bool(debug), _shader_folder(shader_dir), stage)
         self._info = self._core.describe()
         _alive.add(self)
 
@@ -151,7 +153,7 @@ class Renderer:
 
     @property
     def info(self):
-        """Back end, driver, limits, and counts of programs compiled and OpenGL objects alive."""
+        """Back end, driver, stage, limits, and counts of compiled programs and living objects."""
         with self._lock:
             core = self._open_core()
             self._free_dropped(core)
@@ -228,10 +230,14 @@ class Renderer:
         """
         settings = ShadowSettings() if settings is None else settings
         check_kinds(scene=scene, camera=camera, sun=sun, settings=settings)
-        points, point_normals = _checked_points(points, point_normals)
+        if points is not None:
+            points, point_normals = _checked_points(points, point_normals)
+        elif point_normals is not None:
+            raise ValueError("point_normals must come with points (got no points)")
         bits, outputs = output_bits(outputs, points is not None)
         point_count = None if points is None else len(points)
-        self._check_limits(_core.plan(settings, *camera.size, bits)[1], camera, outputs)
+        textures = _core.plan(settings, *camera.size, bits)[1]
+        self._check_limits(textures, settings.storage, camera, outputs)
         arrays = prepare_arrays(array_shapes(camera, settings, outputs, point_count), out)
         with self._lock:
             core = self._open_core()
@@ -273,14 +279,71 @@ class Renderer:
             point_normals=point_normals,
         )
 
-    def _check_limits(self, textures, camera, outputs):
+    def visibility(self, points, normals=None):
+        """What the maps of the last render say of any points.
+
+        Parameters
+        ----------
+        points : (m, 3) array_like
+            World points [m], in or out of the picture.
+        normals : (m, 3) array_like, optional
+            Normals of the surfaces there, as `render` takes `point_normals`.
+
+        Returns
+        -------
+        visibility : Visibility
+            By the same shader functions as the mask: points and normals of a pixel get the mask's
+            value there, but where float32 decides a compare or a texel.
+
+        Raises
+        ------
+        TypeError, ValueError
+            If an argument breaks its rule; if nothing was rendered yet, or the last render failed;
+            if its maps held only what shadows the picture and its scene is gone.
+        ContextError
+            If the renderer is closed or belongs to a parent process.
+        LimitError, ShaderError, GLError
+            If the driver cannot do it.
+        KeyboardInterrupt
+            On Ctrl-C; where maps were being drawn, render again before the next call.
+
+        Notes
+        -----
+        The last render is that of this renderer, whichever thread made it. Maps that were culled
+        to the picture are drawn whole at the first call, from its scene. A render with points, were
+        it none (``points=np.empty((0, 3))``), or with ``cull="none"`` has them so from the start.
+        """
+        points, normals = _checked_points(points, normals, "normals")
+        found = Visibility(
+            np.empty(len(points), np.float32),
+            np.empty(len(points), np.uint8),
+            np.empty(len(points), np.float32),
+        )
+        with self._lock:
+            core = self._open_core()
+            self._free_dropped(core)
+            try:
+                core.visibility(points, normals, *vars(found).values())
+            finally:
+                self._tell_messages(core)
+        return found
+
+    def _check_limits(self, textures, storage, camera, outputs):
         # before arrays are made: what the driver cannot hold, the host's memory may not hold either
-        limit = self._info["max_texture_size"]
-        for name, _, width, height, layers, *_ in textures:
-            if max(width, height) > limit:
-                raise LimitError(
-                    f"{name} {width} x {height} x {layers} exceeds GL_MAX_TEXTURE_SIZE {limit}"
-                )
+        for name, _, width, height, layers, samples, *_ in textures:
+            what = f"{name} {width} x {height} x {layers}"
+            for size, limit, of in (
+                (max(width, height), "max_texture_size", "GL_MAX_TEXTURE_SIZE"),
+                (layers, "max_layers", "GL_MAX_ARRAY_TEXTURE_LAYERS"),
+                (samples, "max_samples", "GL_MAX_DEPTH_TEXTURE_SAMPLES"),
+            ):
+                if size > self._info[limit]:
+                    what += f" of {samples} samples" if limit == "max_samples" else ""
+                    raise LimitError(f"{what} exceeds {of} {self._info[limit]}")
+            cube = name == "shadow_maps" and storage == "cube"
+            if cube and width > self._info["max_cube_size"]:
+                limit = self._info["max_cube_size"]
+                raise LimitError(f"{what} exceeds GL_MAX_CUBE_MAP_TEXTURE_SIZE {limit}")
         limit, (width, height) = self._info["max_buffer_bytes"], camera.size
         for name in outputs:
             if name not in MAP_OUTPUTS and width * height * (12 if name == "normal" else 4) > limit:
@@ -290,7 +353,7 @@ class Renderer:
                 )
 
     def _frame_info(self, result, settings, camera, cascades):
-        driver = ("backend", "platform", "vendor", "renderer", "version", "software")
+        driver = ("backend", "platform", "vendor", "renderer", "version", "software", "stage")
         lists = result["lists"]
         return {
             **{name: self._info[name] for name in driver},
@@ -298,6 +361,7 @@ class Renderer:
             "size": list(camera.size),
             "map_size": [int(size) for size in cascades.map_size],
             "settings": settings.canonical().to_dict(),
+            "bias": bias_metres(cascades, settings),
             "bytes": result["bytes"],
             "scene_bytes": result["scene_bytes"],
             "programs_compiled": result["programs_compiled"],
@@ -357,22 +421,16 @@ class Renderer:
                 warnings.warn(text, GLWarning, stacklevel=3)
 
 
-def _checked_points(points, normals):
-    if points is None:
-        if normals is not None:
-            raise ValueError("point_normals must come with points (got no points)")
-        return None, None
+def _checked_points(points, normals, name="point_normals"):
     points = _finite_rows("points", points)
     if normals is None:
         return points, None
-    normals = _finite_rows("point_normals", normals)
+    normals = _finite_rows(name, normals)
     if len(normals) != len(points):
-        raise ValueError(
-            f"point_normals must be as many as points, {len(points)} (got {len(normals)})"
-        )
+        raise ValueError(f"{name} must be as many as points, {len(points)} (got {len(normals)})")
     largest = np.abs(normals).max(axis=1, keepdims=True, initial=0.0)
     if not largest.all():
-        raise ValueError(f"point_normals must not be zero (number {int(np.argmin(largest))} is)")
+        raise ValueError(f"{name} must not be zero (number {int(np.argmin(largest))} is)")
     normals = normals / largest  # else tiny and huge ones have no length in doubles
     return points, normals / np.linalg.norm(normals, axis=1, keepdims=True)
 
@@ -386,12 +444,6 @@ def _finite_rows(name, rows):
         wrong = int(np.argmin(finite))
         raise ValueError(f"{name} must be finite (number {wrong} is {rows[wrong].tolist()})")
     return rows
-
-
-def _stage_number(stage):
-    if stage not in STAGES:
-        raise ValueError(f"stage must be one of {', '.join(STAGES)} (got {stage!r})")
-    return STAGES[stage]
 
 
 def _shader_folder(shader_dir):
@@ -429,10 +481,16 @@ def _open_one(name, debug, folder, stage):
             f"not survive it: {SPAWN_HINT}"
         )
     _opened.add(name)
+    number = _core.BACKENDS.index(name)
     try:
-        return _core.Renderer(_core.BACKENDS.index(name), debug, folder, stage)
+        core = _core.Renderer(number, debug, folder)
+        if stage == "auto":
+            own = _shader_folder(None)
+            stage = faster_stage(core.describe(), lambda: _core.Renderer(number, False, own))
     except ContextError as error:
         raise ContextError(f"{name}: {error}") from None
+    core.set_stage(STAGES.index(stage))
+    return core
 
 
 def _open(backend, debug, folder, stage):

@@ -115,7 +115,8 @@ class ShadowSettings:
         faces of a cube, for up to six maps of one size. Prefiltered filters make their moments
         from maps stored so, and keep the moments in an array.
     tile_border : int
-        Empty texels around each tile of an atlas, 0 to 64.
+        Empty texels around each tile of an atlas, 0 to 64. No lookup here needs them: none leaves
+        its tile.
     copied_tiles : bool
         Tiles of an atlas are drawn on their own and copied, so that they are those of an array to
         the bit; drawn in place, a rasteriser may round corners otherwise.
@@ -123,7 +124,9 @@ class ShadowSettings:
         Maps hold 1 at the caster side and 0 far away. A `Frame`'s `shadow_maps` have 0 at the
         caster side all the same.
     caster_faces : {"both", "front", "back"}
-        Which sides of triangles cast, counter-clockwise being the front.
+        Which sides of triangles cast, counter-clockwise being the front, in mirroring instances
+        too. Closed solids cast the same shadow by their backs, which need no bias on what the sun
+        sees and leak along the foot where they stand (docs/numerics.md 30).
     filter : {"hard", "none", "pcf", "poisson", "vsm", "evsm2", "evsm4", "esm", "msm", "lvsm", \
 "savsm", "fourier", "pcss"}
         ``"hard"``: one nearest compare. ``"none"``: no shadow maps at all. ``"pcf"``:
@@ -140,7 +143,7 @@ class ShadowSettings:
     filter_weights : {"box", "bilinear", "tent", "gaussian"}
         Weights of pcf's kernel and of the blur. ``"box"`` is centred on the texel that holds the
         point, the others on the point itself; ``"bilinear"`` is a mean of bilinear lookups, a box
-        narrower by a texel; ``"gaussian"`` ends at two standard deviations.
+        narrower by a texel; ``"gaussian"`` ends at two standard deviations, where it is 0.
     filter_fetch : {"gather", "taps"}
         pcf: depths come four at a time, or one by one; the same mask.
     kernel : {"texels", "world", "screen"}
@@ -149,17 +152,21 @@ class ShadowSettings:
         at the receiver's depth, again never more texels than `filter_size`. A blurred map has one
         kernel for all pixels, so ``"screen"`` means ``"texels"`` there.
     disc : {"poisson", "vogel"}
-        How taps of poisson and pcss lie in their disc: a fixed set of points kept apart, or
-        Vogel's spiral.
+        How taps of poisson and pcss lie in their disc: a fixed set of points kept apart
+        [Mitchell1991]_, or Vogel's spiral [Vogel1979]_.
     tap_count : int
-        Taps in the disc, 1 to 64; those of disc poisson are 8 or 16.
+        Taps in the disc, 1 to 64; those of disc poisson are 8 or 16. pcss takes as many for its
+        search and one more.
     rotated : bool
         The disc is turned from pixel to pixel by interleaved gradient noise [Jimenez2014]_.
     pcss_map : {"depth", "variance", "summed"}
-        Blockers and penumbra from taps, from filtered moments [Yang2010]_, or from their summed
-        areas [Lauritzen2007]_.
+        Blockers and penumbra from taps, from filtered moments in smaller levels [Yang2010]_, or
+        from their summed areas [Lauritzen2007]_, which have any width and 32 bits. Through moments
+        a penumbra costs the same however wide, and light leaks where occluders overlap.
     moment_format : {"float32", "float16", "unorm16"}
-        Format of filtered maps; exponents of esm and evsm are limited by it.
+        Format of filtered maps; exponents of esm and evsm are limited by it. ``"unorm16"`` holds
+        0 to 1: not for evsm, nor for esm without `log_filter`. Half floats are too coarse for
+        msm's four moments, which take ``"float32"`` or ``"unorm16"``.
     lookup : {"bilinear", "trilinear", "anisotropic"}
         How filtered maps are looked up: at their full size, or in smaller levels by the footprint
         of the pixel.
@@ -168,17 +175,20 @@ class ShadowSettings:
     samples : int
         1, 2, 4 or 8 samples in a texel of the maps that moments are made from.
     exponent, negative_exponent : float
-        Of depth, for esm and evsm, and of the second warp of evsm4; 0: nine tenths of what the
-        format holds, and the same as the first.
+        Of depth over its range, for esm and evsm (whose warps run from -1 to 1), and of the second
+        warp of evsm4. 0: nine tenths of what the format holds, under `log_filter` 640 or what it
+        rounds to 5 % of light; and the same as the first. Limits of esm: 88.72 in float32, 11.08 in
+        float16; of evsm half of that.
     log_filter : bool
         esm: exponents are stored and blurred instead of powers, without their limit
         [Salvi2008]_.
     msm_bound : {"hamburger", "hausdorff"}
         msm: depths may lie anywhere, or between 0 and 1, which is a sharper bound.
     layer_count : int
-        Layers of lvsm, 2, 4, 6 or 8.
+        Layers of lvsm, 2, 4, 6 or 8; each reaches half of its part of the range further either way.
     fourier_terms : int
-        Terms of the series of fourier, an even number up to 16.
+        Terms of the series of fourier, an even number up to 16. Shadows begin 0.6 of the depth
+        range over this behind their caster: it is a filter for short ranges.
     bleed_step, bleed_power : float
         Light of a bound that is at or below the step is taken off, and the rest is raised to the
         power: less light bleeds, and penumbrae are darker [Lauritzen2007]_.
@@ -190,19 +200,21 @@ class ShadowSettings:
         The receiver's plane from its triangle, or from differences in the quad of pixels [MSDN].
     blend : {"none", "linear", "smooth", "dither"}
         Transition to the next cascade, where that holds the point with its kernel: weighted, with
-        a smooth weight, or by lot.
+        a smooth weight, or by lot (interleaved gradient noise [Jimenez2014]_).
     blend_width : float
         Width of the transition, 0 to 1: share of half a map, under ``select="interval"`` of the
-        slice.
+        slice. Narrower where two maps overlap less: windows of ``fit="sphere"`` and ``"diameter"``
+        overlap much, those of ``"box"`` hardly.
     fade_width : float
-        Share of the shadow range over which shadows fade at its end, 0 to 1.
+        Share of the shadow range over which shadows fade at its end, 0 to 1; at the last split
+        they are gone.
     bias : {"auto", "manual"}
         ``"auto"``: receiver plane at each texel's centre, plus a quarter texel of slope, a
         depth quantum and the rounding of float32. ``"manual"``: the five settings below, which
         start at zero: with none of them set, tilted surfaces show acne.
     bias_side : {"receiver", "caster"}
-        Constant and slope bias lift receivers in the mask, or push casters back in the maps, by the
-        hardware's slope there.
+        Constant and slope bias lift receivers in the mask, or push casters back in the maps. There
+        the slope is the rasteriser's, max(|gx|, |gy|) of the caster, down to half of |gx| + |gy|.
     constant_bias_texels, slope_bias : float
         Depth bias along the light, ``t * (constant + slope_bias * (|gx| + |gy|))`` [m] with t the
         larger texel side [m] and g the receiver's depth gradient; positive lightens.
@@ -249,6 +261,10 @@ class ShadowSettings:
        doi:10.1145/1187112.1187153
     .. [Yang2010] Yang, Dong, Feng, Seidel, Kautz: Variance soft shadow mapping. Pacific Graphics
        2010. doi:10.1111/j.1467-8659.2010.01800.x
+    .. [Mitchell1991] Mitchell: Spectrally optimal sampling for distribution ray tracing. SIGGRAPH
+       1991. doi:10.1145/122718.122736
+    .. [Vogel1979] Vogel: A better way to construct the sunflower head. Mathematical Biosciences
+       44(3-4), 1979. doi:10.1016/0025-5564(79)90080-4
     .. [Jimenez2014] Jimenez: Next generation post processing in Call of Duty: Advanced Warfare.
        SIGGRAPH 2014 course.
 

@@ -168,6 +168,7 @@ enum { CSM_MOMENTS_FLOAT32, CSM_MOMENTS_FLOAT16, CSM_MOMENTS_UNORM16 };
 enum { CSM_LOOKUP_BILINEAR, CSM_LOOKUP_TRILINEAR, CSM_LOOKUP_ANISOTROPIC };
 enum { CSM_GRADIENTS_HARDWARE, CSM_GRADIENTS_QUAD, CSM_GRADIENTS_ANALYTIC };
 enum { CSM_PLANE_NORMAL, CSM_PLANE_DERIVATIVES };
+enum { CSM_STEPS_NONE, CSM_STEPS_ANALYTIC, CSM_STEPS_DIFFERENCES };
 enum { CSM_BLEND_NONE, CSM_BLEND_LINEAR, CSM_BLEND_SMOOTH, CSM_BLEND_DITHER };
 enum { CSM_BIAS_AUTO, CSM_BIAS_MANUAL };
 enum { CSM_BIAS_RECEIVER, CSM_BIAS_CASTER };
@@ -210,7 +211,11 @@ void csm_settings_canonical_placement(csm_settings *settings);
 /* Kernel radius in texels that a fit must keep free around a window: 0 for hard. */
 int csm_settings_kernel_radius(const csm_settings *settings);
 
-/* Coarsest level of filtered maps that is looked up: a window keeps its texel free at the rim. */
+/* Width of transitions as a share: blend_width, or 0 without blending. Of canonical settings. */
+double csm_settings_band(const csm_settings *settings);
+
+/* Coarsest level of filtered maps that is looked up: a window keeps free at the rim what a lookup
+ * between its texels reaches. */
 #define CSM_MAX_LEVEL 4
 
 /* How a filter works (csrc/core/filters.c has the one table). */
@@ -224,7 +229,7 @@ typedef struct csm_moments {
     const char *format; /* as csm_plan_texture */
     int texel_bytes;
     bool blurred, mipmapped;
-    int sum_bits; /* of a texel in summed areas: a kernel's sum must fit 32 */
+    double sum_steps; /* of the range of depths in summed areas: a kernel's sum must fit 32 bits */
 } csm_moments;
 csm_moments csm_settings_moments(const csm_settings *settings);
 
@@ -234,24 +239,47 @@ int csm_settings_taps(const csm_settings *settings);
 /* Exponents of esm and evsm, positive and negative warp, after 0 is resolved by the format. */
 void csm_settings_exponents(const csm_settings *settings, double out[2]);
 
-/* Largest exponent that the format holds (docs/numerics.md 27). */
-double csm_exponent_limit(int filter, int moment_format);
+/* Largest exponent that the format holds (docs/numerics.md 27); infinite under log_filter. */
+double csm_exponent_limit(const csm_settings *settings);
 
-/* Least variance of depths in [0, 1] that a moment's rounding leaves meaningful, and the bias that
- * keeps four moments realisable. */
+/* What rounding leaves meaningful: the least variance (of evsm a share of the mean's square), the
+ * depth by which a mean may be off, and the bias that keeps four moments realisable. */
 double csm_settings_least_variance(const csm_settings *settings);
+double csm_settings_mean_rounding(const csm_settings *settings);
 double csm_settings_moment_bias(const csm_settings *settings);
 
 /* Effective biases in the terms of csm_bias (section 7), after bias = auto is resolved. */
 typedef struct csm_bias {
-    bool receiver_plane;         /* compare against the receiver's plane at each texel's centre */
-    double constant_texels;      /* times the larger texel side [m] */
-    double slope_texels;         /* times (|gx| + |gy|) * texel side [m] */
-    double normal_offset_texels; /* times texel side * sin(theta) [m] */
-    double quanta;               /* times the depth quantum of the format over the range [m] */
-    double roundings;            /* times the float32 rounding of the receiver's position [m] */
+    bool receiver_plane;           /* compare against the receiver's plane at each texel's centre */
+    double constant_texels;        /* times the larger texel side [m] */
+    double slope_texels;           /* times (|gx| + |gy|) * texel side [m] */
+    double normal_offset_texels;   /* times texel side * sin(theta) [m] */
+    double caster_constant_texels; /* the first two, but casters are pushed back in the map */
+    double caster_slope_texels;    /* times the steepest of |gx|, |gy| along its own side */
+    double quanta;                 /* times the depth quantum of the format over the range [m] */
+    double roundings;              /* times the float32 rounding of the receiver's position [m] */
 } csm_bias;
 csm_bias csm_settings_bias(const csm_settings *settings);
+
+/* Texels along an axis from a receiver to the farthest centre of a texel that its filter takes. */
+double csm_settings_reach(const csm_settings *settings);
+
+/* The same biases as lengths [m] along the light, of one cascade; under a warp at its centre. Under
+ * bias = auto every receiver's own float32 rounding comes on top (docs/numerics.md 11). */
+typedef struct csm_bias_metres {
+    bool on_casters; /* constant and slope push casters back instead of lifting receivers */
+    bool receiver_plane;
+    double texel;         /* larger side */
+    double quantum;       /* of the stored depth */
+    double constant;      /* at any slope */
+    double slope;         /* times |gx| + |gy|; on casters times the larger of both */
+    double normal_offset; /* of a surface parallel to the light; times sin(theta) */
+    double needed_constant, needed_slope; /* the least without acne on a plane, on the receiver */
+} csm_bias_metres;
+
+/* Of canonical settings; depth_range as csm_cascades. */
+csm_bias_metres csm_bias_in_metres(const csm_settings *settings, const double clip_from_light[16],
+                                   int map_size, const double depth_range[2]);
 
 /* Depth quantum of a format as a share of the depth range (docs/numerics.md 11): 1/65535 for D16,
  * 2^-24 for the others. */
@@ -559,6 +587,7 @@ typedef struct csm_item {
     double bounds[6]; /* world, {min, max} */
     uint32_t chunk;
     uint32_t instance; /* row of csm_geometry.instances */
+    bool mirrored;     /* by its instance: the corners of front faces run the other way round */
 } csm_item;
 
 /* Meshes that occur once are baked to origin-relative positions under instance 0, the identity;
@@ -618,19 +647,22 @@ typedef struct csm_cull_volume {
 } csm_cull_volume;
 
 /* Volume of cascade i: with selection by interval the frustum of its slice, else from its slice on;
- window alone when whole_window is true (receivers outside the picture).
+ * window alone when whole_window is true (receivers outside the picture). band is the share of half
+ * a map, under selection by interval of a slice, over which finer cascades blend into this one: it
+ * is looked up for their receivers too; 0: they do not.
  * margin_texels: how far from its receiver a lookup may reach (kernel radius, normal offset); one
  * texel for texel centres and rounding comes on top. An empty window where nothing is seen. */
 void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_camera *camera,
-                          int select, double margin_texels, bool whole_window,
+                          int select, double band, double margin_texels, bool whole_window,
                           csm_cull_volume *out);
 
 /* Exclusive culling: leaves out what lies wholly inside the window of one finer cascade, less
- * border_texels of its own (where the finer map does not answer) and less what a lookup in the
- * coarser map may reach from outside. Selection must be by window, not by depth. A finer cascade
- * whose depth range does not hold the coarser one's is no reason to leave anything out. */
+ * border_texels of its own (where the finer map does not answer), less band times half its side
+ * (where it does not answer alone) and less what a lookup in the coarser map may reach from there.
+ * Selection must be by window, not by depth. A finer cascade whose depth range does not hold the
+ * coarser one's is no reason to leave anything out. */
 void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double border_texels,
-                             csm_cull_volume *volume);
+                             double band, csm_cull_volume *volume);
 
 /* False only if no caster inside the world box can shadow a receiver of the volume, whatever the
  * finer maps answer for. */
@@ -780,7 +812,6 @@ const char *csm_backend_name(int backend);
 
 typedef struct csm_renderer_desc {
     int backend;
-    int stage;              /* CSM_STAGE_*, of passes over pixels and texels */
     bool debug;             /* synchronous KHR_debug output, errors fail the call */
     csm_read_callback read; /* shader files; called inside any call of the renderer */
     void *read_user;
@@ -791,8 +822,8 @@ typedef struct csm_renderer_info {
     char platform[64]; /* "device", "surfaceless", ... */
     char vendor[128], renderer[128], version[128], glsl[64];
     bool software;
-    int stage;                                     /* CSM_STAGE_* */
-    int max_texture_size, max_layers, max_samples; /* samples of depth textures */
+    int stage;                                                    /* CSM_STAGE_* */
+    int max_texture_size, max_cube_size, max_layers, max_samples; /* samples of depth textures */
     int64_t max_buffer_bytes;
     int programs_compiled; /* since the renderer was made */
     int live_objects;      /* GL objects that exist now */
@@ -802,6 +833,9 @@ typedef struct csm_renderer_info {
 csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out, csm_error *err);
 void csm_renderer_destroy(csm_renderer *renderer);
 csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out, csm_error *err);
+
+/* Where passes over pixels and texels run from the next frame on, CSM_STAGE_*: compute at first. */
+csm_status csm_renderer_set_stage(csm_renderer *renderer, int stage, csm_error *err);
 
 /* Drops compiled programs, so that edited shader files are read again. */
 csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err);
@@ -871,9 +905,17 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
 /* Visibility of points in the maps of the last render; maps that were culled to the picture are
  * drawn whole first, for which that render's scene must still be there. NULL outputs are not
  * wanted. */
-csm_status csm_renderer_visibility(csm_renderer *renderer, const double *points,
-                                   const double *normals, size_t count, float *out_mask,
-                                   uint8_t *out_cascade, float *out_blend_weight, csm_error *err);
+typedef struct csm_visibility_desc {
+    const double *points;  /* point_count x 3 world */
+    const double *normals; /* point_count x 3, of unit length, or NULL: unknown */
+    size_t point_count;
+    csm_stop_callback stop;
+    void *stop_user;
+} csm_visibility_desc;
+
+csm_status csm_renderer_visibility(csm_renderer *renderer, const csm_visibility_desc *desc,
+                                   float *out_mask, uint8_t *out_cascade, float *out_blend_weight,
+                                   csm_error *err);
 
 /* Messages of the driver since the last drain, oldest first. */
 void csm_renderer_drain_messages(csm_renderer *renderer, csm_message_callback callback, void *user);

@@ -2,12 +2,8 @@
 // interpolates instead of from the pixel's ray.
 #include "include/frame.glsl"
 #include "include/geometry.glsl"
-#include "include/noise.glsl"
 #include "include/visibility.glsl"
-
-layout(binding = 0) uniform usampler2D view_ids;
-layout(binding = 3) uniform samplerBuffer planes;
-
+#include "include/view_receiver.glsl"
 #include "include/answer.glsl"
 
 layout(location = 0) flat in uvec2 ids;
@@ -27,7 +23,8 @@ void main()
         discard;
     }
 #endif
-    vec3 normal_origin = origin_plane(ids.y, texelFetch(planes, int(ids.x))).xyz;
+    vec4 plane = origin_plane(ids.y, texelFetch(planes, int(ids.x)));
+    vec3 normal_origin = plane.xyz;
     vec3 direction = frame.right.w > 0.0 ? -frame.backward.xyz : from_eye;
     receiver point;
     point.normal = dot(normal_origin, direction) > 0.0 ? -normal_origin : normal_origin;
@@ -35,5 +32,6 @@ void main()
     point.position = frame.eye_high.xyz + (frame.eye_low.xyz + from_eye);
     point.position_ls = position_ls;
     point.noise = pixel_noise(pixel);
+    take_steps(point, pixel, plane, true);
     write_answer(pixel, point, true);
 }

@@ -9,6 +9,10 @@ layout(location = 0) out float depth;
 
 layout(location = 0) uniform int cascade;
 
+#if CSM_BIAS_SIDE == CSM_BIAS_SIDE_CASTER && !CSM_WARPED
+layout(location = 2) uniform vec2 bias; // depth that casters are pushed back by; the rest is the rasteriser's
+#endif
+
 void main()
 {
     vec3 position_ls = light_position(origin_from_local(instance, position));
@@ -21,6 +25,10 @@ void main()
 #else
     vec4 clip = frame.clip[cascade];
     float z = map_depth(position_ls.z, cascade);
+#if CSM_BIAS_SIDE == CSM_BIAS_SIDE_CASTER
+    gl_ClipDistance[0] = z; // what lies before the range is left out, whatever the bias
+    z += bias.x;
+#endif
     gl_Position = vec4(turned(position_ls.xy, cascade) * clip.xy + clip.zw, CSM_REVERSED_DEPTH == 1 ? 1.0 - z : z, 1.0);
 #endif
 #if CSM_ALPHA_TEST

@@ -27,6 +27,7 @@ void main()
     vec3 from_eye = (point.position - frame.eye_high.xyz) - frame.eye_low.xyz;
     point.view_depth = -dot(frame.backward.xyz, from_eye);
     point.noise = place_noise(point.position);
+    stand_alone(point);
     verdict found = receiver_verdict(point);
     bool facing = !plane_known(point) || dot(point.normal, frame.to_light.xyz) > facing_limit;
     answers[i] = vec4(facing ? found.visibility : 0.0, float(found.cascade), found.next_weight, 0.0);

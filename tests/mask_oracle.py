@@ -7,6 +7,7 @@ an interval: `lowest` counts every such compare as shadowed, `highest` as lit.
 
 from dataclasses import dataclass
 
+import kernel_oracle
 import numpy as np
 import small_scenes
 
@@ -81,7 +82,10 @@ def receivers_of(frame):
 
 
 def kernel_radius(settings):
-    return settings.filter_size // 2 if settings.filter == "pcf" else 0
+    """Texels from the point's own that are kept free around it."""
+    size = settings.filter_size
+    disc = (size + 1) // 2
+    return {"pcf": size // 2, "poisson": disc, "pcss": disc}.get(settings.filter, 0)
 
 
 def place(frame, i, positions, normals, scale):
@@ -140,30 +144,37 @@ def choose(frame, positions, normals, view_depth, scale):
     return index, sure
 
 
-def visibility(frame, i, positions, normals, scale):
-    """(lowest, highest) visibility of receivers looked up in map i, facing left out."""
+def visibility(frame, i, positions, normals, scale, seen=None):
+    """(lowest, highest) visibility of receivers looked up in map i, facing left out. `seen` is
+    needed by kernels that depend on the pixel."""
     settings = frame.settings
     at = place(frame, i, positions, normals, scale)
     stored = frame.shadow_maps[i].astype(np.float64)
     if settings.filter == "pcf" and settings.filter_size == 2:
         return _bilinear(at, stored)
-    radius = kernel_radius(settings)
-    whole = np.floor(at.texel)
+    if seen is None:
+        seen = kernel_oracle.Seen(np.zeros(len(positions)), np.zeros(len(positions)))
     plane = bias_of(settings).receiver_plane
-    lit = np.zeros((2, len(positions)))
-    for dv in range(-radius, radius + 1):
-        for du in range(-radius, radius + 1):
-            # beyond the rim the nearest texel inside is taken again
-            texel = np.clip(whole + np.array([du, dv]), 0, len(stored) - 1)
-            depth = at.depth - at.bias
-            if plane:
-                depth = depth + (at.slope * (texel + 0.5 - at.texel)).sum(axis=1)
-            lit += _compare(depth, _fetch(stored, texel), at.compare_error)
-    lit /= (2 * radius + 1) ** 2
+    lit, total = np.zeros((2, len(positions))), np.zeros(len(positions))
+    for texel, weight, sure in kernel_oracle.taps(frame, i, at.texel, seen, at.texel_error):
+        # beyond the rim the nearest texel inside is taken again
+        texel = np.clip(texel, 0, len(stored) - 1)
+        depth = at.depth - at.bias
+        if plane:
+            depth = depth + (at.slope * (texel + 0.5 - at.texel)).sum(axis=1)
+        answer = _compare(depth, _fetch(stored, texel), at.compare_error)
+        lit += weight * np.where(sure, answer, [[0.0], [1.0]])
+        total += weight
+    lit /= total
+    if settings.filter == "pcf" and (settings.filter_weights, settings.kernel) != ("box", "texels"):
+        # Weights go with the point and the width, but one answer of all has no weight to share.
+        mixed = (lit > 0.0) & (lit < 1.0)
+        lit += np.array([[-1.0], [1.0]]) * mixed * (8.0 * at.texel_error + 1e-5)
     # Where the point may lie in the next texel, the whole kernel may.
     near_edge = (np.abs(at.texel - np.round(at.texel)) <= at.texel_error).any(axis=1)
-    lit[0, near_edge], lit[1, near_edge] = 0.0, 1.0
-    return lit
+    if settings.filter != "poisson":
+        lit[0, near_edge], lit[1, near_edge] = 0.0, 1.0
+    return np.clip(lit, 0.0, 1.0)
 
 
 def _fetch(stored, texel):
@@ -200,9 +211,13 @@ def evaluate(frame):
     scale = max(origin_scale, float(np.abs(positions).max()), float(view_depth.max()))
     index, index_sure = choose(frame, positions, normals, view_depth, scale)
     lowest, highest = np.ones(len(index)), np.ones(len(index))
+    seen = kernel_oracle.seen_of(frame)
     for i in range(frame.cascades.count):
         own = index == i
-        lowest[own], highest[own] = visibility(frame, i, positions[own], normals[own], scale)
+        pixels = kernel_oracle.Seen(seen.view_depth[own], seen.lot[own])
+        lowest[own], highest[own] = visibility(
+            frame, i, positions[own], normals[own], scale, pixels
+        )
     facing = normals @ frame.sun.to_light
     lowest[facing <= FACING + EPS] = 0.0
     highest[facing <= FACING - EPS] = 0.0

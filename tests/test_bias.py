@@ -12,7 +12,13 @@ from csm import shapes
 TO_LIGHT = np.array([0.36, 0.8, 0.48])
 SLOPES = [0.0, 0.1, 1.0, 5.0, 50.0, 1e3]
 AZIMUTHS = [0.0, 22.5, 45.0]
-FILTERS = {1: 0, 2: 0.5, 3: 1, 7: 3}  # filter_size to the reach of its taps beyond their own texel
+FILTERS = {
+    1: 0,
+    2: 0.5,
+    3: 1,
+    5: 2,
+    7: 3,
+}  # filter_size to the reach of its taps beyond their own texel
 MAP_SIZE = 96
 EXTENT = 10.0  # m of the plane, across the light
 RASTER = 2.0**-7  # texels of slope: sub-texel snapping of corners and its interpolation

@@ -298,3 +298,74 @@ def test_zero_is_a_value(renderer, view):
     ground = default.valid & (default.normal[..., 1] > 0.99)
     assert (bare.mask < default.mask)[ground].mean() > 0.1
     assert not (bare.mask > default.mask)[ground].any()
+
+
+# -- off is absent ---------------------------------------------------------------------------------
+
+BASES = {
+    "default": SMALL,
+    "pcf": SMALL.replace(filter="pcf"),
+    "vsm": SMALL.replace(filter="vsm"),
+    "one cascade": SMALL.replace(cascade_count=1),
+    "approximate": SMALL.replace(snap="approximate", light_basis="world"),
+    "warped": SMALL.replace(warp="lispsm"),
+    "pancaked": SMALL.replace(pancake=True),
+    "none": SMALL.replace(filter="none"),
+}
+NUMBERS = {row["name"]: row for row in _core.number_table()}
+
+
+def off_cases():
+    """(base, name, value): values that the canonical form of a base takes no notice of."""
+    for base_name, base in BASES.items():
+        canonical = base.canonical()
+        values = {name: values_of(row) for name, row in NAMED.items()}
+        values |= {name: (row["max"],) for name, row in NUMBERS.items()}
+        for name, all_values in values.items():
+            for value in all_values:
+                more = NEEDS.get((name, value), {})
+                try:
+                    named = base.replace(**{name: value}, **{
+                        key: given for key, given in more.items() if key.startswith("manual_")
+                    })  # fmt: skip
+                except ValueError:
+                    continue  # not even a value, beside this base
+                if named != base and named.canonical() == canonical:
+                    yield base_name, name, named
+
+
+OFF = list(off_cases())
+
+
+def test_every_setting_is_off_somewhere_besides_filter_none():
+    off = {name for base, name, _ in OFF if base != "none"}
+    # whatever else is set, these have a meaning at all of their values
+    always = {
+        "fit", "snap", "warp", "select", "texcoord", "depth_format", "storage",
+        "caster_faces", "filter", "view_range", "bias", "cascade_count", "reversed_depth",
+        "sun_step_deg", "max_distance", "fade_width", "plane", "pancake",
+    }  # fmt: skip
+    assert (NAMED.keys() | NUMBERS.keys()) - off <= always
+    # and without shadows nothing has
+    without = {name for base, name, _ in OFF if base == "none"}
+    assert (NAMED.keys() | NUMBERS.keys()) - without == {"filter"}
+
+
+def test_what_is_off_plans_what_was_never_named():
+    for base, name, named in OFF:
+        for outputs in (OUTPUTS, ("mask",), ("shadow_maps",)):
+            if outputs == ("shadow_maps",) and base == "none":
+                continue
+            expected = csm.plan(BASES[base], size=(48, 27), outputs=outputs)
+            assert csm.plan(named, size=(48, 27), outputs=outputs) == expected, (base, name)
+
+
+@pytest.mark.parametrize("base", BASES)
+def test_what_is_off_leaves_every_bit_of_the_mask(renderer, view, base):
+    expected = renderer.render(*view, BASES[base], outputs=("mask",))
+    # the last value of each setting; all values plan the same
+    for name, named in {name: named for where, name, named in OFF if where == base}.items():
+        frame = renderer.render(*view, named, outputs=("mask",))
+        assert frame.info["programs_compiled"] == 0, name
+        assert np.array_equal(frame.mask, expected.mask), name
+        assert frame.info["bytes"] == expected.info["bytes"], name

@@ -160,7 +160,7 @@ def test_shader_words_are_effects(path):
 @pytest.mark.parametrize("path", relative(SHADERS.glob("include/filter_*.glsl")))
 def test_filter_reads_only_its_own_effects(path):
     text = without_comments(path.read_text())
-    assert "CSM_FILTER" not in re.sub(r"\bCSM_FILTER_SIZE\b", "", text)
+    assert "CSM_FILTER" not in re.sub(r"\bCSM_FILTER_(SIZE|WEIGHTS|FETCH)", "", text)
 
 
 def test_two_shaders_choose_the_filter():
@@ -177,8 +177,8 @@ def test_two_shaders_choose_the_filter():
 ORDER = [
     "errors", "spaces", "camera", "sun", "cutouts", "mesh", "instances", "elevation", "scene",
     "shapes", "plants", "streets", "landscapes", "scenes", "gltf", "materials", "animation",
-    "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "renderer", "embree",
-    "tracing", "footprints", "sampling", "causes", "metrics", "measures", "motion", "checks",
+    "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "stages", "renderer",
+    "embree", "tracing", "footprints", "sampling", "causes", "metrics", "measures", "motion", "checks",
     "check_files", "sweeps", "recommendation", "director", "export", "pictures", "outlines",
     "plot_style", "plot_windows", "plot_frames", "plot", "techniques", "fronts",
     "report_pictures", "reports", "report_runs", "results", "progress", "hard_cases",

@@ -271,6 +271,8 @@ def settings_of(**values):
         values["filter_size"] = 3
     if values["filter"] in ("esm", "evsm2", "evsm4"):
         values["moment_format"] = values["moment_format"].replace("unorm16", "float32")
+    if values["filter"] == "msm":
+        values["moment_format"] = values["moment_format"].replace("float16", "float32")
     if values["storage"] == "cube":
         values["cascade_count"] = min(values["cascade_count"], 6)
     if values["disc"] == "poisson":

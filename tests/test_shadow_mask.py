@@ -43,6 +43,8 @@ def assert_mask_matches(frame, evidence=None):
     assert (mask >= oracle.lowest - 1e-6)[same].all()
     assert (mask <= oracle.highest + 1e-6)[same].all()
     allowance = 0.04 if frame.settings.filter_size == 2 else 1e-6
+    if (frame.settings.filter_weights, frame.settings.kernel) != ("box", "texels"):
+        allowance = 0.01  # weights that go with the point
     assert (oracle.highest - oracle.lowest <= allowance).mean() > 0.95
     assert oracle.index_sure.mean() > 0.99
     return oracle

@@ -53,8 +53,24 @@ static void outline_visible(const csm_cascades *cascades, const csm_camera *came
     out->lowest_z = eye_ls[2] + lowest - STEEPEST_RECEIVER * out->margin;
 }
 
+/* Least view depth of what a cascade is looked up for. Rims of finer windows, where they blend into
+ * it, may lie at any depth. */
+static double served_from(const csm_cascades *cascades, int cascade, int select, double band) {
+    const double *splits = cascades->splits;
+    if (band == 0.0 || cascade == 0) {
+        return cascades->served_from[cascade];
+    }
+    if (select != CSM_SELECT_INTERVAL) {
+        return splits[0];
+    }
+    /* float32 depths on either side of the band's start */
+    const double start = splits[cascade] - band * (splits[cascade] - splits[cascade - 1]);
+    return fmax(start - 0x1p-20 * fmax(fabs(splits[cascade - 1]), fabs(splits[cascade])),
+                splits[0]);
+}
+
 void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_camera *camera,
-                          int select, double margin_texels, bool whole_window,
+                          int select, double band, double margin_texels, bool whole_window,
                           csm_cull_volume *out) {
     memset(out, 0, sizeof *out);
     memcpy(out->light_from_world, cascades->light_from_world[cascade],
@@ -70,13 +86,13 @@ void csm_cull_volume_make(const csm_cascades *cascades, int cascade, const csm_c
         /* By window, a cascade also serves what its own holds of the slices behind, and of those
          * before it what finer maps leave. */
         const int last = select == CSM_SELECT_INTERVAL ? cascade + 1 : cascades->count;
-        outline_visible(cascades, camera, cascades->served_from[cascade], cascades->splits[last],
-                        out);
+        outline_visible(cascades, camera, served_from(cascades, cascade, select, band),
+                        cascades->splits[last], out);
     }
 }
 
 void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double border_texels,
-                             csm_cull_volume *volume) {
+                             double band, csm_cull_volume *volume) {
     const double *own_range = cascades->depth_range[cascade];
     for (int i = 0; i < cascade; i++) {
         const double *range = cascades->depth_range[i];
@@ -92,8 +108,9 @@ void csm_cull_volume_exclude(const csm_cascades *cascades, int cascade, double b
             !memcmp(out->light_from_world, volume->light_from_world, sizeof out->light_from_world);
         const double margin = volume->margin * (along ? 1.0 : sqrt(2.0));
         for (int axis = 0; axis < 2; axis++) {
-            const double shrink =
-                margin + cascades->stretch * border_texels * cascades->texel_size[i][axis];
+            const double texels =
+                cascades->stretch * border_texels + 0.5 * band * cascades->map_size[i];
+            const double shrink = margin + texels * cascades->texel_size[i][axis];
             out->window[axis] += shrink;
             out->window[axis + 2] -= shrink;
         }

@@ -225,9 +225,7 @@ static void canonical_bias(csm_settings *settings) {
     int *effects = settings->effects;
     const bool two_by_two =
         effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
-    const csm_moments moments = csm_settings_moments(settings);
-    /* the hardware compares four texels with one depth; moments are of no one texel */
-    const bool no_plane = two_by_two || moments.kind != CSM_LOOKS_AT_DEPTHS;
+    const bool no_plane = two_by_two || !csm_filter_follows_plane(settings);
     if (effects[CSM_EFFECT_BIAS] == CSM_BIAS_AUTO) {
         settings->constant_bias_texels = 0.0;
         settings->slope_bias = 0.0;
@@ -244,6 +242,17 @@ static void canonical_bias(csm_settings *settings) {
         reset(settings, CSM_EFFECT_BIAS_SIDE);
     }
     effects[CSM_EFFECT_NORMAL_OFFSET] = settings->normal_offset_texels != 0.0;
+}
+
+/* Steps to neighbours are for footprints that are not analytic, and for planes through them. */
+static void canonical_steps(csm_settings *settings) {
+    int *effects = settings->effects;
+    const bool looked_up = effects[CSM_EFFECT_LOOKUP] != CSM_LOOKUP_BILINEAR;
+    const bool analytic = effects[CSM_EFFECT_GRADIENTS] == CSM_GRADIENTS_ANALYTIC;
+    const bool planes = effects[CSM_EFFECT_PLANE] == CSM_PLANE_DERIVATIVES;
+    effects[CSM_EFFECT_STEPS] = planes || (looked_up && !analytic) ? CSM_STEPS_DIFFERENCES
+                                : looked_up                        ? CSM_STEPS_ANALYTIC
+                                                                   : CSM_STEPS_NONE;
 }
 
 static void canonical_transitions(csm_settings *settings) {
@@ -275,11 +284,16 @@ void csm_settings_canonical(csm_settings *settings) {
     }
     canonical_storage(settings);
     canonical_bias(settings);
+    canonical_steps(settings);
     canonical_transitions(settings);
     if (effects[CSM_EFFECT_SELECT] == CSM_SELECT_FRUSTUM &&
         csm_settings_kernel_radius(settings) == 0) {
         effects[CSM_EFFECT_SELECT] = CSM_SELECT_MAP; /* they differ by the kernel's border */
     }
+}
+
+double csm_settings_band(const csm_settings *settings) {
+    return settings->effects[CSM_EFFECT_BLEND] == CSM_BLEND_NONE ? 0.0 : settings->blend_width;
 }
 
 double csm_depth_quantum(int depth_format) {
@@ -290,11 +304,14 @@ double csm_depth_quantum(int depth_format) {
 csm_bias csm_settings_bias(const csm_settings *settings) {
     const int *effects = settings->effects;
     if (effects[CSM_EFFECT_BIAS] == CSM_BIAS_MANUAL) {
+        const bool casters = effects[CSM_EFFECT_BIAS_SIDE] == CSM_BIAS_CASTER;
         return (csm_bias){
             .receiver_plane = effects[CSM_EFFECT_RECEIVER_PLANE] != 0,
-            .constant_texels = settings->constant_bias_texels,
-            .slope_texels = settings->slope_bias,
+            .constant_texels = casters ? 0.0 : settings->constant_bias_texels,
+            .slope_texels = casters ? 0.0 : settings->slope_bias,
             .normal_offset_texels = settings->normal_offset_texels,
+            .caster_constant_texels = casters ? settings->constant_bias_texels : 0.0,
+            .caster_slope_texels = casters ? settings->slope_bias : 0.0,
         };
     }
     /* docs/numerics.md 11: at the fetched texel's centre the receiver's plane is exact but for half
@@ -305,12 +322,13 @@ csm_bias csm_settings_bias(const csm_settings *settings) {
      * reference depth for four texels, up to a whole texel away along each axis. */
     const bool two_by_two =
         effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF && effects[CSM_EFFECT_FILTER_SIZE] == 2;
-    const bool of_texels = csm_settings_moments(settings).kind == CSM_LOOKS_AT_DEPTHS;
     double quantum = csm_depth_quantum(effects[CSM_EFFECT_DEPTH_FORMAT]);
     return (csm_bias){
-        .receiver_plane = !two_by_two && of_texels,
-        .slope_texels = two_by_two ? 1.25 : 0.25,
-        .quanta = 1.0 + 4.0 * ldexp(1.0, -24) / quantum,
+        .receiver_plane = !two_by_two && csm_filter_follows_plane(settings),
+        .slope_texels = (two_by_two ? 1.25 : 0.25) + csm_filter_slope_texels(settings),
+        .quanta = 1.0 + (4.0 * ldexp(1.0, -24) + csm_settings_mean_rounding(settings) +
+                         csm_filter_depth_offset(settings)) /
+                            quantum,
         .roundings = 1.0,
     };
 }

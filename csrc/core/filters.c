@@ -39,7 +39,7 @@ static const struct {
     [CSM_FILTER_LVSM] = {CSM_LOOKS_AT_MOMENTS, 4, BLURRED | HAS_FORMAT | HAS_LEAK},
     [CSM_FILTER_SAVSM] = {CSM_LOOKS_AT_SUMS, 2, HAS_SIZE | HAS_KERNEL | HAS_LEAK},
     [CSM_FILTER_FOURIER] = {CSM_LOOKS_AT_MOMENTS, 4, BLURRED | HAS_FORMAT},
-    [CSM_FILTER_PCSS] = {CSM_LOOKS_AT_DEPTHS, 2, HAS_SIZE | HAS_DISC},
+    [CSM_FILTER_PCSS] = {CSM_LOOKS_AT_DEPTHS, 2, HAS_SIZE | HAS_DISC | HAS_FORMAT | HAS_LEAK},
 };
 
 static bool two_by_two(const csm_settings *settings) {
@@ -60,6 +60,16 @@ static int kind_of(const csm_settings *settings) {
     return filters[settings->effects[CSM_EFFECT_FILTER]].kind;
 }
 
+bool csm_filter_follows_plane(const csm_settings *settings) {
+    return kind_of(settings) == CSM_LOOKS_AT_DEPTHS ||
+           settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_EVSM4;
+}
+
+static bool logarithmic(const csm_settings *settings) {
+    return settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_ESM &&
+           settings->effects[CSM_EFFECT_LOG_FILTER];
+}
+
 static int slices_of(const csm_settings *settings) {
     switch (settings->effects[CSM_EFFECT_FILTER]) {
     case CSM_FILTER_LVSM:
@@ -69,14 +79,6 @@ static int slices_of(const csm_settings *settings) {
     default:
         return 1;
     }
-}
-
-static int log2_above(int value) {
-    int bits = 0;
-    while (1 << bits < value) {
-        bits++;
-    }
-    return bits;
 }
 
 csm_moments csm_settings_moments(const csm_settings *settings) {
@@ -91,12 +93,16 @@ csm_moments csm_settings_moments(const csm_settings *settings) {
     const int *effects = settings->effects;
     csm_moments moments = {.kind = kind_of(settings)};
     if (moments.kind == CSM_LOOKS_AT_SUMS) {
-        /* sums wrap around; differences are right while the kernel's own sum fits 32 bits */
+        /* sums wrap around; differences are right while those of the texels that a kernel covers
+         * whole, and of each of its edges apart, fit 32 bits with a sign. More than the 24 bits of
+         * a float are none: depths have no more, and numbers of steps are exact in shaders */
+        const double inner = effects[CSM_EFFECT_FILTER_SIZE] - 1.0;
+        const double fitting = floor((ldexp(1.0, 31) - 1.0) / fmax(inner * inner, 1.0));
         moments.channels = 2;
         moments.slices = 1;
         moments.format = "rg32ui";
         moments.texel_bytes = 8;
-        moments.sum_bits = 32 - 2 * log2_above(effects[CSM_EFFECT_FILTER_SIZE] + 2);
+        moments.sum_steps = fmin(2.0 * fitting, ldexp(1.0, 24));
     } else if (moments.kind == CSM_LOOKS_AT_MOMENTS) {
         const int format = effects[CSM_EFFECT_MOMENT_FORMAT];
         moments.channels = filters[effects[CSM_EFFECT_FILTER]].channels;
@@ -112,7 +118,7 @@ csm_moments csm_settings_moments(const csm_settings *settings) {
 
 int csm_settings_kernel_radius(const csm_settings *settings) {
     const int size = settings->effects[CSM_EFFECT_FILTER_SIZE];
-    const int lookup = settings->effects[CSM_EFFECT_LOOKUP];
+    const bool levels = settings->effects[CSM_EFFECT_LOOKUP] != CSM_LOOKUP_BILINEAR;
     switch (settings->effects[CSM_EFFECT_FILTER]) {
     case CSM_FILTER_HARD:
     case CSM_FILTER_NONE:
@@ -121,11 +127,14 @@ int csm_settings_kernel_radius(const csm_settings *settings) {
         return size / 2;
     case CSM_FILTER_POISSON:
     case CSM_FILTER_SAVSM:
-    case CSM_FILTER_PCSS:
         return (size + 1) / 2;
-    default: /* blurred, then looked up between texels; a coarser level reaches as far as its texel
-              */
-        return size / 2 + 1 + (lookup == CSM_LOOKUP_BILINEAR ? 0 : 1 << CSM_MAX_LEVEL);
+    case CSM_FILTER_PCSS: /* levels of moments reach two texels of theirs beyond the outer taps */
+        return prefiltered_pcss(settings) && kind_of(settings) == CSM_LOOKS_AT_MOMENTS
+                   ? size + 2
+                   : (size + 1) / 2;
+    default: /* blurred, then looked up between texels, at worst those of the coarsest level: a lookup
+              * between texels reaches one and a half of them */
+        return size / 2 + (levels && !logarithmic(settings) ? 3 << (CSM_MAX_LEVEL - 1) : 1);
     }
 }
 
@@ -139,56 +148,146 @@ int csm_settings_taps(const csm_settings *settings) {
     case CSM_FILTER_PCSS:
         return 2 * effects[CSM_EFFECT_TAP_COUNT];
     default:
-        return 1;
+        return effects[CSM_EFFECT_LOOKUP] == CSM_LOOKUP_ANISOTROPIC ? effects[CSM_EFFECT_ANISOTROPY]
+                                                                    : 1;
     }
 }
 
 /* -- numbers by the rounding of a format ----------------------------------------------------------
  */
 
-double csm_exponent_limit(int filter, int moment_format) {
-    /* ln of the largest number, less what it takes to hold a filter's sum of 64 unscaled taps, and
-     * halved where the square is stored too */
-    const double largest = moment_format == CSM_MOMENTS_FLOAT16 ? log(65504.0) : log(3.4028e38);
-    return filter == CSM_FILTER_ESM ? largest : 0.5 * largest;
+static bool exponential(int filter) {
+    return filter == CSM_FILTER_EVSM2 || filter == CSM_FILTER_EVSM4 || filter == CSM_FILTER_ESM;
 }
 
+double csm_exponent_limit(const csm_settings *settings) {
+    if (logarithmic(settings)) {
+        return INFINITY;
+    }
+    /* exp(c) must be held, and where variances are made its square; a shader's exp() is off by some
+     * c 2^-24, which cutting off after two digits leaves room for. Blurs hold no sum that is larger
+     * than its mean; who makes smaller levels may first add up four texels. */
+    const bool half = settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_FLOAT16;
+    const double largest = log(half ? 65504.0 : 3.4028e38) -
+                           (csm_settings_moments(settings).mipmapped ? log(4.0) : 0.0);
+    const bool squared = settings->effects[CSM_EFFECT_FILTER] != CSM_FILTER_ESM;
+    return floor(100.0 * (squared ? 0.5 * largest : largest)) / 100.0;
+}
+
+/* How often moments are rounded on their way: when they are made, by either half of the blur, by
+ * every level, and by the lookup between texels. */
+static double times_rounded(const csm_settings *settings) {
+    const csm_moments moments = csm_settings_moments(settings);
+    return 2.0 + (moments.blurred ? 2.0 : 0.0) + (moments.mipmapped ? CSM_MAX_LEVEL : 0.0);
+}
+
+/* Rounding of a number: of floats a share of it, of unorm16 and sums a share of the range. Drivers
+ * may cut off what 16 bits do not hold instead of rounding it (llvmpipe does): a whole unit. */
+static double format_rounding(const csm_settings *settings) {
+    switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
+    case CSM_MOMENTS_FLOAT16: {
+        const int filter = settings->effects[CSM_EFFECT_FILTER];
+        if (!exponential(filter) || filter == CSM_FILTER_ESM) {
+            return ldexp(1.0, -10);
+        }
+        double exponents[2];
+        csm_settings_exponents(settings, exponents);
+        /* steps no longer shrink below 2^-14, where squares of the nearest depths may lie */
+        const double smallest = exp(-2.0 * fmax(exponents[0], exponents[1]));
+        return fmax(ldexp(1.0, -10), ldexp(1.0, -24) / smallest);
+    }
+    case CSM_MOMENTS_UNORM16:
+        return 0.5 / 65535.0;
+    default:
+        return ldexp(1.0, -24);
+    }
+}
+
+/* Let every number be off by u of itself: m2 - m1^2 is off by up to 3 u m^2. Centred depths have
+ * m^2
+ * <= 1/4; those of exponential warps are as large as they are, so theirs is a share of m^2. Where
+ * steps are equal m1 is off by u, which makes 2 |m1| u <= u of m1^2, and m2 by u / 4 in unorm16,
+ * where it is stored fourfold, by u in sums. */
+double csm_settings_least_variance(const csm_settings *settings) {
+    const csm_moments moments = csm_settings_moments(settings);
+    if (moments.kind == CSM_LOOKS_AT_SUMS) {
+        /* half a step of the depths, at most 1/2 from the middle, an eighth of their squares', and
+         * the roundings of their means to floats */
+        return 0.625 / moments.sum_steps + 1.5 * ldexp(1.0, -24);
+    }
+    const double rounding = format_rounding(settings) * times_rounded(settings);
+    if (exponential(settings->effects[CSM_EFFECT_FILTER])) {
+        return 3.0 * rounding;
+    }
+    const bool floats = settings->effects[CSM_EFFECT_MOMENT_FORMAT] != CSM_MOMENTS_UNORM16;
+    return (floats ? 0.75 : 1.25) * rounding;
+}
+
+double csm_settings_mean_rounding(const csm_settings *settings) {
+    const int *effects = settings->effects;
+    const csm_moments moments = csm_settings_moments(settings);
+    if (moments.kind == CSM_LOOKS_AT_DEPTHS) {
+        return 0.0;
+    }
+    if (moments.kind == CSM_LOOKS_AT_SUMS) {
+        return 0.5 / moments.sum_steps;
+    }
+    const double rounding = format_rounding(settings) * times_rounded(settings);
+    if (logarithmic(settings) || !exponential(effects[CSM_EFFECT_FILTER])) {
+        const bool floats = effects[CSM_EFFECT_MOMENT_FORMAT] != CSM_MOMENTS_UNORM16;
+        const double length = effects[CSM_EFFECT_FILTER] == CSM_FILTER_LVSM
+                                  ? fmin(2.0 / effects[CSM_EFFECT_LAYER_COUNT], 1.0)
+                                  : 1.0; /* a layer has half of its neighbours too */
+        return (floats ? 0.5 : 1.0) * rounding * length; /* floats: of a centred depth */
+    }
+    double exponents[2];
+    csm_settings_exponents(settings, exponents);
+    /* d exp(c z) / exp(c z) = c dz; warps of evsm run from -1 to 1 */
+    return rounding / ((effects[CSM_EFFECT_FILTER] == CSM_FILTER_ESM ? 1.0 : 2.0) *
+                       fmin(exponents[0], exponents[1]));
+}
+
+/* Measured to lose least on made scenes (docs/numerics.md 27); a logarithm that is off by less than
+ * 1/20 keeps light right to 5 %. */
+#define LOG_EXPONENT 640.0
+#define LOG_ROUNDING 0.05
+
 void csm_settings_exponents(const csm_settings *settings, double out[2]) {
-    const int filter = settings->effects[CSM_EFFECT_FILTER];
-    const int format = settings->effects[CSM_EFFECT_MOMENT_FORMAT];
-    out[0] =
-        settings->exponent > 0.0 ? settings->exponent : 0.9 * csm_exponent_limit(filter, format);
+    out[0] = settings->exponent;
+    if (out[0] == 0.0) {
+        out[0] = logarithmic(settings)
+                     ? fmin(LOG_EXPONENT, LOG_ROUNDING / csm_settings_mean_rounding(settings))
+                     : 0.9 * csm_exponent_limit(settings);
+    }
     out[1] = settings->negative_exponent > 0.0 ? settings->negative_exponent : out[0];
 }
 
-static double format_rounding(const csm_settings *settings) {
-    const csm_moments moments = csm_settings_moments(settings);
-    if (moments.kind == CSM_LOOKS_AT_SUMS) {
-        return ldexp(1.0, -moments.sum_bits);
-    }
-    switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
-    case CSM_MOMENTS_FLOAT16:
-        return ldexp(1.0, -10);
-    case CSM_MOMENTS_UNORM16:
-        return 1.0 / 65535.0;
-    default:
-        return ldexp(1.0, -23);
-    }
-}
-
-double csm_settings_least_variance(const csm_settings *settings) {
-    return 1.5 * format_rounding(settings); /* of m2 - m1^2 on [0, 1] */
-}
-
 double csm_settings_moment_bias(const csm_settings *settings) {
-    switch (settings->effects[CSM_EFFECT_MOMENT_FORMAT]) {
-    case CSM_MOMENTS_FLOAT16:
-        return 0.1;
-    case CSM_MOMENTS_UNORM16:
-        return 6e-5;
+    /* measured (docs/numerics.md 28): the least that bounds every distribution of one to three
+     * depths, after a rounding by the moments and one by each direction of the blur */
+    return settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_UNORM16 ? 1.5e-4 : 2e-6;
+}
+
+double csm_filter_slope_texels(const csm_settings *settings) {
+    const double size = settings->effects[CSM_EFFECT_FILTER_SIZE];
+    switch (settings->effects[CSM_EFFECT_FILTER]) {
+    case CSM_FILTER_MSM:
+        /* four moments leave nothing before a receiver that is a standard deviation before the mean
+         * of an even spread; a box is the widest of the weights, and the mean of two neighbours
+         * adds at most a quarter to the variance */
+        return sqrt((size * size - 1.0) / 12.0 + 0.25);
+    case CSM_FILTER_FOURIER:
+        return 0.5 * (size + 1.0); /* all that blur and lookup see of the receiver's own plane */
     default:
-        return 1e-5;
+        return 0.0;
     }
+}
+
+double csm_filter_depth_offset(const csm_settings *settings) {
+    /* the series is one half at the occluder's own depth, and first 1 where Si(2 pi M x) = pi/2 */
+    return settings->effects[CSM_EFFECT_FILTER] == CSM_FILTER_FOURIER
+               ? 0.3066 / settings->effects[CSM_EFFECT_FOURIER_TERMS]
+               : 0.0;
 }
 
 /* -- validation and canonical form ----------------------------------------------------------------
@@ -196,28 +295,31 @@ double csm_settings_moment_bias(const csm_settings *settings) {
 
 static void check_format(const csm_settings *settings, csm_error *err) {
     const int filter = settings->effects[CSM_EFFECT_FILTER];
-    const int format = settings->effects[CSM_EFFECT_MOMENT_FORMAT];
-    const bool exponential =
-        filter == CSM_FILTER_EVSM2 || filter == CSM_FILTER_EVSM4 || filter == CSM_FILTER_ESM;
-    if (!exponential) {
+    if (filter == CSM_FILTER_MSM &&
+        settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_FLOAT16) {
+        csm_fail_more(err, "moment_format must be float32 or unorm16 for msm (got float16): in as "
+                           "many bytes unorm16 rounds four moments sixteen times finer");
+    }
+    if (!exponential(filter) || logarithmic(settings)) {
         return;
     }
-    if (format == CSM_MOMENTS_UNORM16) {
-        csm_fail_more(err, "moment_format must be float32 or float16 for esm and evsm (got "
-                           "unorm16): they store more than 1");
+    if (settings->effects[CSM_EFFECT_MOMENT_FORMAT] == CSM_MOMENTS_UNORM16) {
+        csm_fail_more(err, "moment_format must be float32 or float16 for evsm, and for esm without "
+                           "log_filter (got unorm16): they store more than 1");
         return;
     }
-    const bool logarithmic = filter == CSM_FILTER_ESM && settings->effects[CSM_EFFECT_LOG_FILTER];
-    const double limit = csm_exponent_limit(filter, format);
+    const double limit = csm_exponent_limit(settings);
     const struct {
         const char *name;
         double value;
     } exponents[] = {
         {"exponent", settings->exponent},
         {"negative_exponent", filter == CSM_FILTER_EVSM4 ? settings->negative_exponent : 0.0}};
-    for (size_t i = 0; i < 2 && !logarithmic; i++) {
+    for (size_t i = 0; i < 2; i++) {
         if (exponents[i].value > limit) {
-            csm_fail_more(err, "%s must be at most %.2f in this moment_format (got %g)",
+            csm_fail_more(err,
+                          "%s must be at most %.2f for this filter, moment_format and lookup "
+                          "(got %g)",
                           exponents[i].name, limit, exponents[i].value);
         }
     }
@@ -232,6 +334,14 @@ void csm_filter_validate(const csm_settings *settings, csm_error *err) {
     }
     if (size % 2 == 0 && (size != 2 || !(filter == CSM_FILTER_PCF || !filters[filter].has))) {
         csm_fail_more(err, "filter_size must be odd, or for pcf 2 (got %d)", size);
+    }
+    const bool in_disc = filters[filter].has & HAS_DISC && kind_of(settings) == CSM_LOOKS_AT_DEPTHS;
+    const int taps = effects[CSM_EFFECT_TAP_COUNT];
+    if (in_disc && effects[CSM_EFFECT_DISC] == CSM_DISC_POISSON && taps != 8 && taps != 16) {
+        csm_fail_more(err,
+                      "tap_count must be 8 or 16 with disc poisson (got %d); disc vogel takes "
+                      "any number",
+                      taps);
     }
     if (samples != 1 && samples != 2 && samples != 4 && samples != 8) {
         csm_fail_more(err, "samples must be 1, 2, 4 or 8 (got %d)", samples);
@@ -277,7 +387,7 @@ void csm_filter_canonical(csm_settings *settings) {
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_DISC);
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_TAP_COUNT);
     keep_if(settings, (has & HAS_DISC) && tapped, CSM_EFFECT_ROTATED);
-    keep_if(settings, has & HAS_FORMAT, CSM_EFFECT_MOMENT_FORMAT);
+    keep_if(settings, (has & HAS_FORMAT) && moments, CSM_EFFECT_MOMENT_FORMAT);
     keep_if(settings, has & HAS_LOOKUP, CSM_EFFECT_LOOKUP);
     keep_if(settings, !tapped, CSM_EFFECT_SAMPLES);
     keep_if(settings, filter == CSM_FILTER_ESM, CSM_EFFECT_LOG_FILTER);
@@ -289,6 +399,10 @@ void csm_filter_canonical(csm_settings *settings) {
     keep_if(settings, filter == CSM_FILTER_FOURIER, CSM_EFFECT_FOURIER_TERMS);
     const int lookup = effects[CSM_EFFECT_LOOKUP];
     keep_if(settings, lookup != CSM_LOOKUP_BILINEAR, CSM_EFFECT_GRADIENTS);
+    if (effects[CSM_EFFECT_CASCADE_COUNT] == 1 &&
+        effects[CSM_EFFECT_GRADIENTS] == CSM_GRADIENTS_QUAD) {
+        effects[CSM_EFFECT_GRADIENTS] = CSM_GRADIENTS_HARDWARE; /* a quad has one cascade anyway */
+    }
     keep_if(settings, lookup == CSM_LOOKUP_ANISOTROPIC, CSM_EFFECT_ANISOTROPY);
     if (!(has & HAS_EXPONENT)) {
         settings->exponent = 0.0;
@@ -296,7 +410,7 @@ void csm_filter_canonical(csm_settings *settings) {
     if (filter != CSM_FILTER_EVSM4) {
         settings->negative_exponent = 0.0;
     }
-    if (!(has & HAS_LEAK)) {
+    if (!(has & HAS_LEAK) || tapped) {
         settings->bleed_step = 0.0;
         settings->bleed_power = 1.0;
     }

@@ -357,6 +357,8 @@ static void write_chunks(scene_build *build, int mesh_number) {
             csm_item *item = &out->items[build->item++];
             item->chunk = (uint32_t)build->chunk;
             item->instance = build->boxes_alone ? 0 : (uint32_t)build->row[instance];
+            item->mirrored =
+                determinant(build->desc->world_from_instance + 16 * (size_t)instance) < 0.0;
             item_bounds(build, mesh, first, count,
                         build->desc->world_from_instance + 16 * (size_t)instance, item->bounds);
             grow(out->bounds, item->bounds);

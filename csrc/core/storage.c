@@ -5,6 +5,10 @@
  */
 #include "csm.h"
 
+#include <stdbool.h>
+
+#define EVERY_DRIVER_HAS 16384 /* GL_MAX_TEXTURE_SIZE of OpenGL 4.5 is no less */
+
 static int largest_size(const csm_settings *settings) {
     int largest = 0;
     for (int i = 0; i < settings->effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
@@ -45,22 +49,29 @@ static int pack(const csm_settings *settings, const int *order, int width, csm_p
     return y + shelf;
 }
 
+/* What every driver holds before what only some do, then the least area, then the nearest to a
+ * square. */
+static bool better(const int size[2], const int than[2]) {
+    const int longer[2] = {size[0] > size[1] ? size[0] : size[1],
+                           than[0] > than[1] ? than[0] : than[1]};
+    const int64_t area[2] = {(int64_t)size[0] * size[1], (int64_t)than[0] * than[1]};
+    if ((longer[0] > EVERY_DRIVER_HAS) != (longer[1] > EVERY_DRIVER_HAS)) {
+        return longer[0] <= EVERY_DRIVER_HAS;
+    }
+    return area[0] != area[1] ? area[0] < area[1] : longer[0] < longer[1];
+}
+
 static void place_tiles(const csm_settings *settings, csm_place *out, int out_size[2]) {
     const int count = settings->effects[CSM_EFFECT_CASCADE_COUNT];
     const int border = settings->effects[CSM_EFFECT_TILE_BORDER];
     int order[CSM_MAX_CASCADES], width = 0;
-    int64_t best = INT64_MAX;
     order_by_size(settings, order);
     for (int i = 0; i < count; i++) { /* the sums of the first tiles are all widths that matter */
         width += settings->map_size[order[i]] + 2 * border;
-        const int height = pack(settings, order, width, NULL);
-        const int64_t longer = width > height ? width : height;
-        /* the least area, and of equal ones the one nearest to a square: textures have a limit */
-        const int64_t cost = (int64_t)width * height * 65536 + longer;
-        if (cost < best) {
-            best = cost;
-            out_size[0] = width;
-            out_size[1] = height;
+        const int size[2] = {width, pack(settings, order, width, NULL)};
+        if (i == 0 || better(size, out_size)) {
+            out_size[0] = size[0];
+            out_size[1] = size[1];
         }
     }
     pack(settings, order, out_size[0], out);

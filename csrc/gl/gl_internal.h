@@ -188,18 +188,21 @@ typedef struct csm_frame_uniforms {
     float clip[CSM_MAX_CASCADES][4];    /* light x, y to clip x, y: scale, offset */
     float turn[CSM_MAX_CASCADES][4];    /* cosine, sine of its axes against those of light space */
     float normal_from_origin[3][4];     /* rows: normals to light space, where it is skewed */
-    float view_centre[4];               /* x, y of the picture's centre, in the units of view.xy */
+    float view_centre[4];               /* x, y of the picture's centre, in the units of view.xy;
+                                           view depth of the first split; most lookups along a
+                                           footprint */
     int32_t place[CSM_MAX_CASCADES][4]; /* x, y of the map in what holds it [texels]; layer */
-    float kernel[CSM_MAX_CASCADES][4];  /* half width [texels]; the same per metre of view depth
-                                           where it is constant on screen; depth range [m] */
-    float blend[4];   /* share of half a map; depth where shadows fade; 1 / width of the fade;
+    float kernel[CSM_MAX_CASCADES][4];  /* half width in x, y [texels] */
+    float width[4];   /* half of filter_size [texels]; half width [m], and a part of it per metre
+                         of view depth; least half width [texels] */
+    float blend[4];   /* share of half a map; depth where shadows end; 1 / width of the fade;
                          tangent of the sun's angular radius */
     float moments[4]; /* exponents of the positive and negative warp; least variance; bias */
     float bleed[4];   /* step; 1 / (1 - step); power; texel's part of summed areas */
 } csm_frame_uniforms;
 
 _Static_assert(sizeof(csm_frame_uniforms) ==
-                   16 * (3 + 2 + 3 + 1 + 4 + 3 + 3 + 1 + 3) + 8 * 16 * CSM_MAX_CASCADES,
+                   16 * (3 + 2 + 3 + 1 + 4 + 3 + 3 + 1 + 4) + 8 * 16 * CSM_MAX_CASCADES,
                "std140 of frame.glsl has no padding");
 
 /* The block of shaders/include/warp.glsl, there only under a warp. */
@@ -217,6 +220,21 @@ _Static_assert(sizeof(csm_warp_uniforms) == 5 * 16 * CSM_MAX_CASCADES,
 /* -- renderer.c -----------------------------------------------------------------------------------
  */
 
+/* What the last render left, for csm_renderer_visibility: its maps stay in the targets, its warps
+ * in the renderer. */
+typedef struct csm_last_render {
+    bool done;            /* false before the first render, and after one that failed */
+    bool whole;           /* maps are there, and hold what shadows any point */
+    csm_gpu_scene *scene; /* NULL once it is dropped */
+    double origin[3];     /* of the scene */
+    csm_camera camera;
+    double angular_diameter;
+    csm_settings settings; /* canonical */
+    unsigned outputs;
+    csm_cascades cascades;
+    csm_frame_uniforms uniforms;
+} csm_last_render;
+
 struct csm_renderer {
     pthread_mutex_t lock;
     pid_t owner; /* a context does not survive fork */
@@ -233,13 +251,14 @@ struct csm_renderer {
     csm_host_buffer buffers[CSM_BUFFER_COUNT];
     GLuint points_in;
     GLsizeiptr points_in_size;
-    GLuint frame_uniforms, warp_uniforms; /* the second only while a warped frame renders */
+    GLuint frame_uniforms, warp_uniforms; /* the second from a warped frame to the next frame */
     GLuint view_framebuffer, map_framebuffer, filter_framebuffer;
     GLuint nearest_sampler, compare_sampler, moments_sampler;
     GLuint no_vertices; /* vertex array of passes that cover all pixels with one triangle */
     csm_timer timer;
     csm_draw_list draws;
     csm_gpu_scene *scenes;
+    csm_last_render last;
 };
 
 /* What the passes of one frame share. */
@@ -248,6 +267,7 @@ typedef struct csm_frame {
     const csm_render_desc *desc;
     csm_render_out *out;
     csm_settings settings; /* canonical */
+    double origin[3];      /* of the scene: points on the GPU are relative to it */
     csm_plan plan;
     csm_place places[CSM_MAX_CASCADES]; /* of the maps in what holds them */
     csm_moments moments;
@@ -328,6 +348,9 @@ csm_place csm_map_attach(csm_frame *frame, int cascade);
 
 /* pass_shadow_mask.c: the textures that shaders/include/shadow_storage.glsl declares. */
 void csm_bind_maps(csm_frame *frame);
+/* The same for a pass over one map; returns which of those bound it is. */
+int csm_bind_map(csm_frame *frame, int cascade);
+void csm_bind_looked_up(csm_frame *frame); /* maps and moments */
 
 /* pass_view.c: the draw list of what the camera may see; returns how many items. */
 csm_status csm_view_draws_fill(csm_frame *frame, int *out_items, csm_error *err);
@@ -339,7 +362,15 @@ csm_status csm_mask_bind_outputs(csm_frame *frame, csm_error *err);
 void csm_no_attachment(csm_frame *frame);
 void csm_mask_set_image(csm_frame *frame, int first, int points);
 
-/* renderer.c */
+/* renderer.c: into a call and out of it. */
+csm_status csm_renderer_enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err);
+void csm_renderer_leave(csm_renderer *renderer, const csm_saved_binding *saved);
+
+/* Settings made canonical for the scene and renderer; plan, places and moments of them. */
+csm_status csm_frame_plan(csm_frame *frame, unsigned outputs, csm_error *err);
+csm_status csm_frame_run_step(csm_frame *frame, const csm_plan_step *step, csm_error *err);
+void csm_frame_bind_uniforms(csm_frame *frame);
+void csm_points_read(const csm_frame *frame);
 bool csm_frame_stopped(const csm_frame *frame);
 /* The same between batches: else the driver queues everything and a stop waits for all of it. */
 bool csm_frame_stopped_after_finish(const csm_frame *frame);

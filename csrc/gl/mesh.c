@@ -165,6 +165,9 @@ csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geomet
 }
 
 void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene) {
+    if (renderer->last.scene == scene) {
+        renderer->last.scene = NULL;
+    }
     for (csm_gpu_scene **link = &renderer->scenes; *link; link = &(*link)->next) {
         if (*link == scene) {
             *link = scene->next;

@@ -11,7 +11,7 @@
 #define GROUP 8 /* invocations along a side of a work group: shadow_*.comp */
 
 enum { UNIT_SOURCE = 4, UNIT_SAMPLES = 5 };
-enum { UNIFORM_PLACE, UNIFORM_STEP };
+enum { UNIFORM_PLACE, UNIFORM_STEP, UNIFORM_WRITTEN };
 enum { IMAGE_TARGET };
 
 typedef struct filter_texture {
@@ -28,6 +28,13 @@ static filter_texture between(const csm_frame *frame) {
     return (filter_texture){frame->renderer->targets[CSM_TARGET_MOMENTS_BETWEEN].texture, 0};
 }
 
+/* Texels along a side that the last step writes: with smaller levels a map that is a part of its
+ * layer goes on beyond its rim, so that no level takes in what lies there. */
+static int filled_size(const csm_frame *frame, int size) {
+    return frame->moments.mipmapped ? frame->renderer->targets[CSM_TARGET_MOMENTS].wanted.width
+                                    : size;
+}
+
 static void run_on_texels(csm_frame *frame, filter_texture out, int size) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
@@ -35,6 +42,7 @@ static void run_on_texels(csm_frame *frame, filter_texture out, int size) {
         const GLuint groups = (GLuint)((size + GROUP - 1) / GROUP);
         gl->BindImageTexture(IMAGE_TARGET, out.texture, 0, GL_FALSE, out.layer, GL_WRITE_ONLY,
                              csm_format_named(frame->moments.format));
+        gl->Uniform1i(UNIFORM_WRITTEN, size);
         gl->DispatchCompute(groups, groups, 1);
         gl->MemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT |
                           GL_FRAMEBUFFER_BARRIER_BIT);
@@ -58,35 +66,35 @@ void csm_cover_pixels(csm_renderer *renderer) {
 csm_status csm_pass_shadow_moments(csm_frame *frame, int cascade, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    const csm_target *maps = &renderer->targets[CSM_TARGET_SHADOW_MAPS];
     const int size = frame->settings.map_size[cascade];
     GLuint program;
     csm_status status = csm_program_get(frame, CSM_STEP_SHADOW_MOMENTS, &program, err);
     if (status != CSM_OK) {
         return status;
     }
-    csm_bind_maps(frame);
+    const int written = frame->moments.blurred ? size : filled_size(frame, size);
+    const int map = csm_bind_map(frame, cascade);
     gl->BindTextureUnit(UNIT_SAMPLES, renderer->targets[CSM_TARGET_SHADOW_SAMPLES].texture);
     gl->UseProgram(program);
     csm_timer_start(renderer);
     for (int slice = 0; slice < frame->moments.slices; slice++) {
-        const bool shared = maps->wanted.kind == CSM_TEXTURE_ARRAY && maps->wanted.layers == 1;
-        gl->Uniform4i(UNIFORM_PLACE, shared ? 0 : cascade, slice, size, 0);
-        run_on_texels(frame, moments_of(frame, cascade, slice), size);
+        gl->Uniform4i(UNIFORM_PLACE, cascade, slice, size, map);
+        run_on_texels(frame, moments_of(frame, cascade, slice), written);
     }
     csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MOMENTS, cascade));
     return status;
 }
 
-/* One step from a texture to another: reads around each texel along an axis. */
-static void run_along(csm_frame *frame, filter_texture from, filter_texture to, int size, int axis,
-                      int step, int cascade) {
+/* One step from a texture to another: reads around each texel along an axis, of size texels along a
+ * side; what is written beyond them repeats the last. */
+static void run_along(csm_frame *frame, filter_texture from, filter_texture to, int size,
+                      int written, int axis, int step, int cascade) {
     const GladGLContext *gl = &frame->renderer->gl;
     gl->BindTextureUnit(UNIT_SOURCE, from.texture);
     gl->BindSampler(UNIT_SOURCE, frame->renderer->nearest_sampler);
     gl->Uniform4i(UNIFORM_PLACE, cascade, from.layer, size, 0);
     gl->Uniform2i(UNIFORM_STEP, axis == 0 ? step : 0, axis == 1 ? step : 0);
-    run_on_texels(frame, to, size);
+    run_on_texels(frame, to, written);
 }
 
 csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err) {
@@ -101,8 +109,8 @@ csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err) {
     csm_timer_start(renderer);
     for (int slice = 0; slice < frame->moments.slices; slice++) {
         const filter_texture moments = moments_of(frame, cascade, slice);
-        run_along(frame, moments, between(frame), size, 0, 1, cascade);
-        run_along(frame, between(frame), moments, size, 1, 1, cascade);
+        run_along(frame, moments, between(frame), size, size, 0, 1, cascade);
+        run_along(frame, between(frame), moments, size, filled_size(frame, size), 1, 1, cascade);
         if (csm_frame_stopped_after_finish(frame)) {
             status = csm_interrupted(err);
             break;
@@ -128,7 +136,7 @@ csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err) {
     filter_texture from = moments_of(frame, cascade, 0), to = between(frame);
     for (int axis = 0; axis < 2; axis++) {
         for (int stride = 1; stride < size; stride *= 8) {
-            run_along(frame, from, to, size, axis, stride, cascade);
+            run_along(frame, from, to, size, size, axis, stride, cascade);
             const filter_texture swap = from;
             from = to;
             to = swap;
@@ -147,10 +155,11 @@ csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err) {
     return CSM_OK;
 }
 
-/* A texel of summed areas, of 32 bits that wrap around: what the texel itself added. */
+/* A texel of summed areas, of 32 bits that wrap around: what the texel itself added, as depth from
+ * -1/2 to 1/2 and its square. */
 static void read_sums(csm_frame *frame, int size, float *out) {
     const GladGLContext *gl = &frame->renderer->gl;
-    const float unit = 1.0f / (float)((1u << frame->moments.sum_bits) - 1u);
+    const double step = 1.0 / (double)(float)frame->moments.sum_steps;
     uint32_t *sums = malloc((size_t)size * (size_t)size * 2 * sizeof *sums);
     if (!sums) {
         return; /* the caller's array stays as it was made */
@@ -165,7 +174,7 @@ static void read_sums(csm_frame *frame, int size, float *out) {
                 own -= x > 0 ? sums[at - 2] : 0;
                 own -= y > 0 ? sums[at - row] : 0;
                 own += x > 0 && y > 0 ? sums[at - row - 2] : 0;
-                out[at] = (float)own * unit;
+                out[at] = (float)(channel == 0 ? (int32_t)own * step : 0.25 * own * step);
             }
         }
     }

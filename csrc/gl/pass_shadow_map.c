@@ -3,6 +3,9 @@
 
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
+
+enum { UNIFORM_CASCADE, UNIFORM_CORNER, UNIFORM_BIAS };
 
 /* Texels around the visible slice whose casters still matter: the kernel, and one for the rounding
  * of receivers and casters to float32. */
@@ -18,37 +21,78 @@ static double unanswered_texels(const csm_settings *settings) {
     return border + fabs(settings->normal_offset_texels) + 1.0;
 }
 
-static csm_status fill_draw_list(csm_frame *frame, int cascade, csm_error *err) {
+/* What a cascade draws. Front faces of mirrored items run the other way round: where the side
+ * matters they come last and are drawn apart. */
+typedef struct caster_list {
+    uint32_t *items;
+    size_t count, upright;
+} caster_list;
+
+static void part_mirrored(const csm_geometry *geometry, uint32_t *spare, caster_list *casters) {
+    size_t mirrored = 0;
+    casters->upright = 0;
+    for (size_t i = 0; i < casters->count; i++) {
+        const uint32_t item = casters->items[i];
+        if (geometry->items[item].mirrored) {
+            spare[mirrored++] = item;
+        } else {
+            casters->items[casters->upright++] = item;
+        }
+    }
+    memcpy(casters->items + casters->upright, spare, mirrored * sizeof *spare);
+}
+
+static csm_status cull_casters(csm_frame *frame, int cascade, caster_list *out, csm_error *err) {
     const csm_render_desc *desc = frame->desc;
     const csm_geometry *geometry = &desc->scene->geometry;
     const csm_settings *settings = &frame->settings;
     csm_cull_volume volume;
-    uint32_t *items = malloc(geometry->item_count * sizeof *items);
-    if (!items) {
+    out->items = malloc(2 * geometry->item_count * sizeof *out->items);
+    if (!out->items) {
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to cull cascade %d", cascade);
     }
     const int mode = settings->effects[CSM_EFFECT_CULL];
     const bool cull = mode != CSM_CULL_NONE;
+    const double band = csm_settings_band(settings);
     if (cull) {
         /* points may lie outside the picture, where casters matter that the picture does not miss
          */
         bool whole = desc->outputs & CSM_OUT_POINTS;
         csm_cull_volume_make(&frame->out->cascades, cascade, &desc->camera,
-                             settings->effects[CSM_EFFECT_SELECT], cull_margin_texels(settings),
-                             whole, &volume);
+                             settings->effects[CSM_EFFECT_SELECT], band,
+                             cull_margin_texels(settings), whole, &volume);
+        if (frame->moments.kind > CSM_LOOKS_AT_DEPTHS) {
+            volume.lowest_z = -INFINITY; /* means are of what lies behind receivers too */
+        }
     }
     if (mode == CSM_CULL_EXCLUSIVE) {
-        csm_cull_volume_exclude(&frame->out->cascades, cascade, unanswered_texels(settings),
+        csm_cull_volume_exclude(&frame->out->cascades, cascade, unanswered_texels(settings), band,
                                 &volume);
     }
     size_t in_finer;
-    size_t kept = csm_cull_items(geometry, cull ? &volume : NULL, items, &in_finer);
+    out->count = csm_cull_items(geometry, cull ? &volume : NULL, out->items, &in_finer);
+    out->upright = out->count;
     frame->out->items_in_finer[cascade] = (int)in_finer;
-    csm_status status = csm_draw_list_fill(frame->renderer, desc->scene, items, kept, err);
-    free(items);
-    frame->out->items_drawn[cascade] = frame->renderer->draws.item_count;
-    frame->out->triangles_drawn[cascade] = frame->renderer->draws.triangle_count;
+    frame->out->items_drawn[cascade] = 0;
+    frame->out->triangles_drawn[cascade] = 0;
+    if (settings->effects[CSM_EFFECT_CASTER_FACES] != CSM_CASTER_FACES_BOTH) {
+        part_mirrored(geometry, out->items + geometry->item_count, out);
+    }
+    return CSM_OK;
+}
+
+static csm_status fill_draw_list(csm_frame *frame, int cascade, const uint32_t *items, size_t count,
+                                 csm_error *err) {
+    csm_status status = csm_draw_list_fill(frame->renderer, frame->desc->scene, items, count, err);
+    frame->out->items_drawn[cascade] += frame->renderer->draws.item_count;
+    frame->out->triangles_drawn[cascade] += frame->renderer->draws.triangle_count;
     return status;
+}
+
+static csm_status submit(csm_frame *frame, const GLuint programs[2], csm_error *err) {
+    return frame->renderer->draws.command_count
+               ? csm_draw_list_submit(frame, frame->desc->scene, programs, err)
+               : CSM_OK;
 }
 
 csm_place csm_map_attach(csm_frame *frame, int cascade) {
@@ -143,16 +187,62 @@ static void clear_borders(csm_frame *frame) {
     gl->ClearNamedFramebufferfv(frame->renderer->map_framebuffer, GL_DEPTH, 0, &farthest);
 }
 
+/* Biases on the side of the casters (docs/numerics.md 30): the constant one shifts depths in the
+ * shader, exactly, since the unit of glPolygonOffset is none for float depths; the rasteriser adds
+ * the slope's, or, where a warped map writes its own depth, the shader does. Shifted towards the
+ * light depths stop at the near end, so what really lies before it is clipped by hand. */
+static void set_bias(csm_frame *frame, int cascade, const GLuint programs[2]) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    const int *effects = frame->settings.effects;
+    const csm_bias bias = csm_settings_bias(&frame->settings);
+    const csm_cascades *cascades = &frame->out->cascades;
+    const double *texel = cascades->texel_size[cascade], *range = cascades->depth_range[cascade];
+    if (effects[CSM_EFFECT_BIAS_SIDE] != CSM_BIAS_CASTER) {
+        return;
+    }
+    const bool warped = effects[CSM_EFFECT_WARPED];
+    const double metres = bias.caster_constant_texels * fmax(texel[0], texel[1]);
+    const double constant = warped ? bias.caster_constant_texels : metres / (range[1] - range[0]);
+    for (int i = 0; i < 2; i++) {
+        gl->ProgramUniform2f(programs[i], UNIFORM_BIAS, (float)constant,
+                             (float)bias.caster_slope_texels);
+    }
+    if (warped) {
+        return;
+    }
+    const double sign = effects[CSM_EFFECT_REVERSED_DEPTH] ? -1.0 : 1.0;
+    gl->Enable(GL_POLYGON_OFFSET_FILL);
+    gl->PolygonOffset((float)(sign * bias.caster_slope_texels), 0.0f);
+    if (!effects[CSM_EFFECT_PANCAKE]) {
+        gl->Enable(GL_DEPTH_CLAMP);
+        gl->Enable(GL_CLIP_DISTANCE0);
+    }
+}
+
+static void reset_state(csm_frame *frame) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    gl->Disable(GL_SCISSOR_TEST);
+    gl->Disable(GL_CULL_FACE);
+    gl->FrontFace(GL_CCW);
+    gl->Disable(GL_POLYGON_OFFSET_FILL);
+    gl->Disable(GL_CLIP_DISTANCE0);
+}
+
 csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
+    caster_list casters = {0};
     GLuint programs[2];
 
     csm_status status = csm_program_get_drawing(frame, CSM_STEP_SHADOW_MAP, programs, err);
     if (status == CSM_OK) {
-        status = fill_draw_list(frame, cascade, err);
+        status = cull_casters(frame, cascade, &casters, err);
+    }
+    if (status == CSM_OK) {
+        status = fill_draw_list(frame, cascade, casters.items, casters.upright, err);
     }
     if (status != CSM_OK) {
+        free(casters.items);
         return status;
     }
     csm_timer_start(renderer);
@@ -162,16 +252,21 @@ csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
     const csm_place place = attach_target(frame, cascade);
     set_state(frame, &place);
     for (int i = 0; i < 2; i++) {
-        gl->ProgramUniform1i(programs[i], 0, cascade);
+        gl->ProgramUniform1i(programs[i], UNIFORM_CASCADE, cascade);
         if (frame->settings.effects[CSM_EFFECT_WARPED]) {
-            gl->ProgramUniform1i(programs[i], 1, place.y);
+            gl->ProgramUniform2i(programs[i], UNIFORM_CORNER, place.x, place.y);
         }
     }
-    if (renderer->draws.command_count) {
-        status = csm_draw_list_submit(frame, frame->desc->scene, programs, err);
+    set_bias(frame, cascade, programs);
+    status = submit(frame, programs, err);
+    if (status == CSM_OK && casters.upright < casters.count) {
+        gl->FrontFace(GL_CW);
+        status = fill_draw_list(frame, cascade, casters.items + casters.upright,
+                                casters.count - casters.upright, err);
+        status = status == CSM_OK ? submit(frame, programs, err) : status;
     }
-    gl->Disable(GL_SCISSOR_TEST);
-    gl->Disable(GL_CULL_FACE);
+    free(casters.items);
+    reset_state(frame);
     copy_to_place(frame, cascade);
     csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MAP, cascade));
     return status;

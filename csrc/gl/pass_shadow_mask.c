@@ -34,12 +34,19 @@ static void set_compare(csm_frame *frame) {
                                           reversed ? GL_GEQUAL : GL_LEQUAL);
 }
 
+static void bind_separate(csm_frame *frame, GLuint unit, int cascade) {
+    csm_renderer *renderer = frame->renderer;
+    const GladGLContext *gl = &renderer->gl;
+    const bool compared = frame->settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF &&
+                          frame->settings.effects[CSM_EFFECT_FILTER_SIZE] == 2;
+    gl->BindTextureUnit(unit, renderer->targets[CSM_TARGET_SEPARATE + cascade].texture);
+    gl->BindSampler(unit, compared ? renderer->compare_sampler : renderer->nearest_sampler);
+}
+
 void csm_bind_maps(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const GLuint maps = renderer->targets[CSM_TARGET_SHADOW_MAPS].texture;
-    const bool compared = frame->settings.effects[CSM_EFFECT_FILTER] == CSM_FILTER_PCF &&
-                          frame->settings.effects[CSM_EFFECT_FILTER_SIZE] == 2;
     set_compare(frame);
     gl->BindTextureUnit(UNIT_MAPS, maps);
     gl->BindSampler(UNIT_MAPS, renderer->nearest_sampler);
@@ -48,23 +55,35 @@ void csm_bind_maps(csm_frame *frame) {
     gl->BindSampler(UNIT_COMPARE, maps ? renderer->compare_sampler : renderer->nearest_sampler);
     if (frame->settings.effects[CSM_EFFECT_STORAGE] == CSM_STORAGE_SEPARATE) {
         for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
-            const GLuint unit = (GLuint)(UNIT_SEPARATE + i);
-            gl->BindTextureUnit(unit, renderer->targets[CSM_TARGET_SEPARATE + i].texture);
-            gl->BindSampler(unit, compared ? renderer->compare_sampler : renderer->nearest_sampler);
+            bind_separate(frame, (GLuint)(UNIT_SEPARATE + i), i);
         }
     }
 }
 
-void csm_mask_bind_inputs(csm_frame *frame) {
+int csm_bind_map(csm_frame *frame, int cascade) {
+    const csm_target *maps = &frame->renderer->targets[CSM_TARGET_SHADOW_MAPS];
+    csm_bind_maps(frame);
+    if (frame->settings.effects[CSM_EFFECT_STORAGE] == CSM_STORAGE_SEPARATE) {
+        bind_separate(frame, UNIT_SEPARATE, cascade);
+        return 0;
+    }
+    return maps->wanted.kind == CSM_TEXTURE_ARRAY && maps->wanted.layers == 1 ? 0 : cascade;
+}
+
+void csm_bind_looked_up(csm_frame *frame) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const GLuint moments = renderer->targets[CSM_TARGET_MOMENTS].texture;
-    csm_bind_view_inputs(frame);
     csm_bind_maps(frame);
     gl->BindTextureUnit(UNIT_MOMENTS, moments);
     gl->BindSampler(UNIT_MOMENTS, frame->moments.kind == CSM_LOOKS_AT_MOMENTS
                                       ? renderer->moments_sampler
                                       : renderer->nearest_sampler);
+}
+
+void csm_mask_bind_inputs(csm_frame *frame) {
+    csm_bind_view_inputs(frame);
+    csm_bind_looked_up(frame);
 }
 
 void csm_mask_set_image(csm_frame *frame, int first, int points) {
@@ -188,7 +207,7 @@ static csm_status upload_points(csm_frame *frame, GLsizeiptr bytes, csm_error *e
     }
     for (size_t i = 0; i < 3 * desc->point_count; i++) {
         float *out = mapped + 6 * (i / 3) + i % 3;
-        out[0] = (float)(desc->points[i] - desc->scene->origin[i % 3]);
+        out[0] = (float)(desc->points[i] - frame->origin[i % 3]);
         out[3] = desc->point_normals ? (float)desc->point_normals[i] : 0.0f;
     }
     gl->UnmapNamedBuffer(renderer->points_in);
@@ -212,7 +231,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
     if (status != CSM_OK || !count) {
         return status;
     }
-    csm_mask_bind_inputs(frame);
+    csm_bind_looked_up(frame);
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_POINTS, renderer->points_in, 0, in_bytes);
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_OUTPUT + CSM_BUFFER_POINTS,
                         renderer->buffers[CSM_BUFFER_POINTS].name, 0, (GLsizeiptr)out_bytes);

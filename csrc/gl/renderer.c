@@ -10,10 +10,12 @@
 #include <string.h>
 #include <unistd.h>
 
+#define FACING_LIMIT 1e-5 /* receiver.glsl */
+
 /* -- entering and leaving -------------------------------------------------------------------------
  */
 
-static csm_status enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err) {
+csm_status csm_renderer_enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err) {
     if (renderer->owner != getpid()) {
         return csm_fail(err, CSM_ERROR_CONTEXT_LOST,
                         "renderer was made before a fork: a context does not survive it, make "
@@ -33,7 +35,7 @@ static csm_status enter(csm_renderer *renderer, csm_saved_binding *saved, csm_er
     return CSM_OK;
 }
 
-static void leave(csm_renderer *renderer, const csm_saved_binding *saved) {
+void csm_renderer_leave(csm_renderer *renderer, const csm_saved_binding *saved) {
     /* a call that failed before its check must not fail the next one */
     csm_debug_check(renderer, "leaving", NULL);
     csm_context_unbind(&renderer->context);
@@ -66,6 +68,7 @@ static void read_info(csm_renderer *renderer) {
     info->software = strstr(info->renderer, "llvmpipe") || strstr(info->renderer, "softpipe") ||
                      strstr(info->renderer, "swrast") || strstr(info->renderer, "Software");
     gl->GetIntegerv(GL_MAX_TEXTURE_SIZE, &info->max_texture_size);
+    gl->GetIntegerv(GL_MAX_CUBE_MAP_TEXTURE_SIZE, &info->max_cube_size);
     gl->GetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &info->max_layers);
     gl->GetInteger64v(GL_MAX_SHADER_STORAGE_BLOCK_SIZE, &buffer_bytes);
     info->max_buffer_bytes = buffer_bytes;
@@ -89,6 +92,8 @@ static void make_samplers(csm_renderer *renderer) {
     const GladGLContext *gl = &renderer->gl;
     renderer->nearest_sampler = make_sampler(renderer, GL_NEAREST, "nearest");
     renderer->moments_sampler = make_sampler(renderer, GL_LINEAR, "moments");
+    gl->SamplerParameteri(renderer->moments_sampler, GL_TEXTURE_MIN_FILTER,
+                          GL_LINEAR_MIPMAP_LINEAR);
     renderer->compare_sampler = make_sampler(renderer, GL_LINEAR, "compare");
     gl->SamplerParameteri(renderer->compare_sampler, GL_TEXTURE_COMPARE_MODE,
                           GL_COMPARE_REF_TO_TEXTURE);
@@ -142,6 +147,7 @@ static void tear_down(csm_renderer *renderer) {
     csm_draw_list_drop(renderer);
     csm_buffer_drop(renderer, &renderer->points_in);
     csm_buffer_drop(renderer, &renderer->frame_uniforms);
+    csm_buffer_drop(renderer, &renderer->warp_uniforms);
     gl->DeleteFramebuffers(1, &renderer->view_framebuffer);
     gl->DeleteFramebuffers(1, &renderer->map_framebuffer);
     gl->DeleteFramebuffers(1, &renderer->filter_framebuffer);
@@ -165,7 +171,7 @@ csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out
     pthread_mutexattr_destroy(&attributes);
     renderer->owner = getpid();
     renderer->debug = desc->debug;
-    renderer->info.stage = desc->stage;
+    renderer->info.stage = CSM_STAGE_COMPUTE;
     renderer->read = desc->read;
     renderer->read_user = desc->read_user;
 
@@ -173,13 +179,13 @@ csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out
     csm_status status = csm_context_open(&renderer->context, desc->backend, desc->debug, err);
     csm_binding_restore(&saved);
     if (status == CSM_OK) {
-        status = enter(renderer, &saved, err);
+        status = csm_renderer_enter(renderer, &saved, err);
         if (status == CSM_OK) {
             status = set_up(renderer, err);
             if (status != CSM_OK && renderer->gl.VERSION_4_5) {
                 tear_down(renderer);
             }
-            leave(renderer, &saved);
+            csm_renderer_leave(renderer, &saved);
         }
     }
     if (status != CSM_OK) {
@@ -200,7 +206,7 @@ void csm_renderer_destroy(csm_renderer *renderer) {
     if (renderer->owner != getpid()) {
         return; /* the parent's context: not ours to touch, leak quietly */
     }
-    if (enter(renderer, &saved, NULL) == CSM_OK) {
+    if (csm_renderer_enter(renderer, &saved, NULL) == CSM_OK) {
         tear_down(renderer);
         csm_context_unbind(&renderer->context);
         csm_context_close(&renderer->context);
@@ -216,20 +222,30 @@ void csm_renderer_destroy(csm_renderer *renderer) {
 
 csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out, csm_error *err) {
     csm_saved_binding saved;
-    csm_status status = enter(renderer, &saved, err);
+    csm_status status = csm_renderer_enter(renderer, &saved, err);
     if (status == CSM_OK) {
         *out = renderer->info;
-        leave(renderer, &saved);
+        csm_renderer_leave(renderer, &saved);
+    }
+    return status;
+}
+
+csm_status csm_renderer_set_stage(csm_renderer *renderer, int stage, csm_error *err) {
+    csm_saved_binding saved;
+    csm_status status = csm_renderer_enter(renderer, &saved, err);
+    if (status == CSM_OK) {
+        renderer->info.stage = stage;
+        csm_renderer_leave(renderer, &saved);
     }
     return status;
 }
 
 csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err) {
     csm_saved_binding saved;
-    csm_status status = enter(renderer, &saved, err);
+    csm_status status = csm_renderer_enter(renderer, &saved, err);
     if (status == CSM_OK) {
         csm_programs_drop(renderer);
-        leave(renderer, &saved);
+        csm_renderer_leave(renderer, &saved);
     }
     return status;
 }
@@ -237,20 +253,20 @@ csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err) {
 csm_status csm_renderer_upload(csm_renderer *renderer, const csm_geometry *geometry,
                                const double origin[3], csm_gpu_scene **out, csm_error *err) {
     csm_saved_binding saved;
-    csm_status status = enter(renderer, &saved, err);
+    csm_status status = csm_renderer_enter(renderer, &saved, err);
     if (status == CSM_OK) {
         status = csm_gpu_scene_make(renderer, geometry, origin, out, err);
-        leave(renderer, &saved);
+        csm_renderer_leave(renderer, &saved);
     }
     return status;
 }
 
 csm_status csm_renderer_drop(csm_renderer *renderer, csm_gpu_scene *scene, csm_error *err) {
     csm_saved_binding saved;
-    csm_status status = enter(renderer, &saved, err);
+    csm_status status = csm_renderer_enter(renderer, &saved, err);
     if (status == CSM_OK) {
         csm_gpu_scene_destroy(renderer, scene);
-        leave(renderer, &saved);
+        csm_renderer_leave(renderer, &saved);
     }
     return status;
 }
@@ -271,7 +287,7 @@ csm_status csm_interrupted(csm_error *err) {
     return csm_fail(err, CSM_ERROR_INTERRUPTED, "%s", csm_status_text(CSM_ERROR_INTERRUPTED));
 }
 
-static csm_status run_step(csm_frame *frame, const csm_plan_step *step, csm_error *err) {
+csm_status csm_frame_run_step(csm_frame *frame, const csm_plan_step *step, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     csm_status status = CSM_OK;
     const char *name = csm_pass_name(step->pass);
@@ -339,6 +355,36 @@ static void copy_mapped(csm_frame *frame, int kind, void *out, size_t bytes) {
     }
 }
 
+/* Without maps a point is lit unless its surface does not face the sun. */
+static float lit_by_facing(const csm_frame *frame, size_t i) {
+    const double *normal = frame->desc->point_normals;
+    double facing = 1.0;
+    if (normal) {
+        facing = 0.0;
+        for (size_t axis = 0; axis < 3; axis++) {
+            facing += normal[3 * i + axis] * (double)frame->uniforms.to_light[axis];
+        }
+    }
+    return facing > FACING_LIMIT ? 1.0f : 0.0f;
+}
+
+void csm_points_read(const csm_frame *frame) {
+    const bool shadowed = frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;
+    const float *answers = frame->renderer->buffers[CSM_BUFFER_POINTS].mapped;
+    csm_render_out *out = frame->out;
+    for (size_t i = 0; i < frame->desc->point_count; i++) {
+        if (out->point_visibility) {
+            out->point_visibility[i] = shadowed ? answers[4 * i] : lit_by_facing(frame, i);
+        }
+        if (out->point_cascade) {
+            out->point_cascade[i] = shadowed ? (uint8_t)answers[4 * i + 1] : 255;
+        }
+        if (out->point_blend_weight) {
+            out->point_blend_weight[i] = shadowed ? answers[4 * i + 2] : 0.0f;
+        }
+    }
+}
+
 static void read_back(csm_frame *frame) {
     csm_render_out *out = frame->out;
     const csm_render_desc *desc = frame->desc;
@@ -362,13 +408,7 @@ static void read_back(csm_frame *frame) {
     for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT] && out->moments[i]; i++) {
         csm_moments_read(frame, i, out->moments[i]);
     }
-    bool shadowed = frame->settings.effects[CSM_EFFECT_FILTER] != CSM_FILTER_NONE;
-    const float *answers = frame->renderer->buffers[CSM_BUFFER_POINTS].mapped;
-    for (size_t i = 0; i < desc->point_count && out->point_visibility; i++) {
-        out->point_visibility[i] = shadowed ? answers[4 * i] : 1.0f;
-        out->point_cascade[i] = shadowed ? (uint8_t)answers[4 * i + 1] : 255;
-        out->point_blend_weight[i] = shadowed ? answers[4 * i + 2] : 0.0f;
-    }
+    csm_points_read(frame);
     if (out->timing_count < CSM_MAX_TIMINGS) {
         out->timing_names[out->timing_count] = "readback";
         out->timing_ms[out->timing_count++] = csm_clock_ms() - start;
@@ -378,6 +418,14 @@ static void read_back(csm_frame *frame) {
 void csm_frame_upload_uniforms(csm_frame *frame) {
     frame->renderer->gl.NamedBufferSubData(frame->renderer->frame_uniforms, 0,
                                            sizeof frame->uniforms, &frame->uniforms);
+}
+
+void csm_frame_bind_uniforms(csm_frame *frame) {
+    const csm_renderer *renderer = frame->renderer;
+    renderer->gl.BindBufferBase(GL_UNIFORM_BUFFER, 0, renderer->frame_uniforms);
+    if (renderer->warp_uniforms) {
+        renderer->gl.BindBufferBase(GL_UNIFORM_BUFFER, 1, renderer->warp_uniforms);
+    }
 }
 
 static bool shadowed(const csm_frame *frame) {
@@ -418,28 +466,55 @@ static csm_status place_cascades(csm_frame *frame, csm_error *err) {
         csm_frame_write_warps(frame, &warps);
         frame->renderer->warp_uniforms =
             csm_buffer_make(frame->renderer, "warp", sizeof warps, &warps, 0);
-        frame->renderer->gl.BindBufferBase(GL_UNIFORM_BUFFER, 1, frame->renderer->warp_uniforms);
     }
+    csm_frame_bind_uniforms(frame);
     csm_frame_upload_uniforms(frame);
     return status;
 }
 
-static bool sums_up_receivers(const csm_plan *plan) {
+static bool has_step(const csm_plan *plan, csm_pass pass) {
     for (int i = 0; i < plan->step_count; i++) {
-        const csm_pass pass = plan->steps[i].pass;
-        if (pass == CSM_STEP_RECEIVER_RANGE || pass == CSM_STEP_RECEIVER_BOUNDS) {
+        if (plan->steps[i].pass == pass) {
             return true;
         }
     }
     return false;
 }
 
+static bool sums_up_receivers(const csm_plan *plan) {
+    return has_step(plan, CSM_STEP_RECEIVER_RANGE) || has_step(plan, CSM_STEP_RECEIVER_BOUNDS);
+}
+
+static bool looks_up_moments(const csm_frame *frame) {
+    return frame->moments.kind > CSM_LOOKS_AT_DEPTHS;
+}
+
+/* What csm_renderer_visibility goes on from. */
+static void keep_last(const csm_frame *frame) {
+    csm_last_render *last = &frame->renderer->last;
+    const csm_render_desc *desc = frame->desc;
+    const csm_pass made = looks_up_moments(frame) ? CSM_STEP_SHADOW_MOMENTS : CSM_STEP_SHADOW_MAP;
+    const bool complete = (desc->outputs & CSM_OUT_POINTS) ||
+                          frame->settings.effects[CSM_EFFECT_CULL] == CSM_CULL_NONE;
+    *last = (csm_last_render){.done = true,
+                              .whole = complete && has_step(&frame->plan, made),
+                              .scene = desc->scene,
+                              .camera = desc->camera,
+                              .angular_diameter = desc->angular_diameter,
+                              .settings = frame->settings,
+                              .outputs = desc->outputs,
+                              .cascades = frame->out->cascades,
+                              .uniforms = frame->uniforms};
+    memcpy(last->origin, frame->origin, sizeof last->origin);
+}
+
 static csm_status render_bound(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
-    const GladGLContext *gl = &renderer->gl;
     for (int kind = 0; kind < CSM_BUFFER_COUNT; kind++) {
         renderer->buffers[kind].used = 0; /* an interrupted frame leaves them set */
     }
+    renderer->last.done = false;
+    csm_buffer_drop(renderer, &renderer->warp_uniforms);
     csm_status status = csm_targets_fit(renderer, &frame->plan, err);
     if (status != CSM_OK) {
         return status;
@@ -459,7 +534,7 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
     } else {
         csm_frame_upload_uniforms(frame);
     }
-    gl->BindBufferBase(GL_UNIFORM_BUFFER, 0, renderer->frame_uniforms);
+    csm_frame_bind_uniforms(frame);
     for (int i = 0; i < frame->plan.step_count && status == CSM_OK; i++) {
         const csm_plan_step *step = &frame->plan.steps[i];
         status = csm_frame_stopped(frame) ? csm_interrupted(err) : CSM_OK;
@@ -468,12 +543,15 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
             placed = true;
         }
         if (status == CSM_OK) {
-            status = run_step(frame, step, err);
+            status = csm_frame_run_step(frame, step, err);
         }
     }
     if (status == CSM_OK) {
         read_back(frame);
         status = csm_debug_check(renderer, "readback", err);
+    }
+    if (status == CSM_OK) {
+        keep_last(frame);
     }
     return status;
 }
@@ -486,30 +564,35 @@ static csm_status check_render(const csm_render_desc *desc, csm_error *err) {
     return status;
 }
 
+csm_status csm_frame_plan(csm_frame *frame, unsigned outputs, csm_error *err) {
+    const csm_camera *camera = &frame->desc->camera;
+    int size[2];
+    csm_storage_places(&frame->settings, frame->places, size);
+    frame->moments = csm_settings_moments(&frame->settings);
+    return csm_plan_make(&frame->settings, camera->width, camera->height, outputs, &frame->plan,
+                         err);
+}
+
 csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *desc,
                                csm_render_out *out, csm_error *err) {
     csm_saved_binding saved;
     csm_frame frame = {.renderer = renderer, .desc = desc, .out = out, .settings = desc->settings};
     csm_status status = check_render(desc, err);
     if (status == CSM_OK) {
+        memcpy(frame.origin, desc->scene->origin, sizeof frame.origin);
         frame.settings.effects[CSM_EFFECT_INSTANCES] = desc->scene->geometry.instance_count > 1;
         frame.settings.effects[CSM_EFFECT_STAGE] = renderer->info.stage;
         frame.settings.effects[CSM_EFFECT_ALPHA_TEST] = desc->scene->cutout_texture != 0;
         csm_settings_canonical(&frame.settings);
-        status = csm_plan_make(&frame.settings, desc->camera.width, desc->camera.height,
-                               desc->outputs, &frame.plan, err);
-        int size[2];
-        csm_storage_places(&frame.settings, frame.places, size);
-        frame.moments = csm_settings_moments(&frame.settings);
+        status = csm_frame_plan(&frame, desc->outputs, err);
     }
     if (status == CSM_OK) {
-        status = enter(renderer, &saved, err);
+        status = csm_renderer_enter(renderer, &saved, err);
     }
     if (status != CSM_OK) {
         return status;
     }
     status = render_bound(&frame, err);
-    csm_buffer_drop(renderer, &renderer->warp_uniforms);
-    leave(renderer, &saved);
+    csm_renderer_leave(renderer, &saved);
     return status;
 }

@@ -70,6 +70,10 @@ static csm_status make(csm_renderer *renderer, csm_target *target, const csm_pla
                        csm_error *err) {
     const GladGLContext *gl = &renderer->gl;
     int largest = wanted->width > wanted->height ? wanted->width : wanted->height;
+    if (wanted->kind == CSM_TEXTURE_CUBE && largest > renderer->info.max_cube_size) {
+        return csm_fail(err, CSM_ERROR_LIMIT, "%s %d x %d exceeds GL_MAX_CUBE_MAP_TEXTURE_SIZE %d",
+                        wanted->name, wanted->width, wanted->height, renderer->info.max_cube_size);
+    }
     if (largest > renderer->info.max_texture_size || wanted->layers > renderer->info.max_layers) {
         return csm_fail(err, CSM_ERROR_LIMIT, "%s %d x %d x %d exceeds GL_MAX_TEXTURE_SIZE %d",
                         wanted->name, wanted->width, wanted->height, wanted->layers,
@@ -97,6 +101,12 @@ static csm_status make(csm_renderer *renderer, csm_target *target, const csm_pla
                              wanted->height);
     }
     csm_debug_label(renderer, GL_TEXTURE, target->texture, wanted->name);
+    if (!strncmp(wanted->name, "moments", 7)) {
+        /* beyond a smaller map's rim lookups weigh texels by 0, which NaN would survive */
+        const bool whole = !strcmp(wanted->format, "rg32ui");
+        gl->ClearTexImage(target->texture, 0, whole ? GL_RG_INTEGER : GL_RGBA,
+                          whole ? GL_UNSIGNED_INT : GL_FLOAT, NULL);
+    }
     target->wanted = *wanted;
     return csm_debug_check(renderer, wanted->name, err);
 }

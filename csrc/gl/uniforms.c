@@ -47,7 +47,7 @@ static void write_view(const csm_camera *camera, csm_frame_uniforms *uniforms) {
 static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
                           csm_frame_uniforms *uniforms) {
     const csm_cascades *cascades = &frame->out->cascades;
-    const double *origin = frame->desc->scene->origin;
+    const double *origin = frame->origin;
     const double *light = cascades->light_from_world[i];
     const double *clip = cascades->clip_from_light[i];
     const double *texel = cascades->texel_size[i];
@@ -91,22 +91,43 @@ static void write_cascade(const csm_frame *frame, int i, const csm_bias *bias,
     uniforms->slope[i][3] = manual ? (float)(largest / span) : 0.0f;
 }
 
-/* Where the map lies, and how wide its kernel is. */
-static void write_kernel(const csm_frame *frame, int i, csm_frame_uniforms *uniforms) {
-    const csm_cascades *cascades = &frame->out->cascades;
+/* Half width of kernels: in texels, and in metres where it is constant in the world or on screen.
+ */
+typedef struct kernel_width {
+    double most, least; /* [texels] */
+    double metres, metres_per_depth;
+} kernel_width;
+
+/* The filter_size texels of the first cascade, or as many pixels: in an orthographic view of one
+ * width, else of the receiver's depth. A box ends at one compare, what is centred on the point at
+ * the bilinear mean of four. */
+static kernel_width width_of(const csm_frame *frame) {
     const csm_camera *camera = &frame->desc->camera;
     const int *effects = frame->settings.effects;
-    const double span = cascades->depth_range[i][1] - cascades->depth_range[i][0];
     const double half = 0.5 * effects[CSM_EFFECT_FILTER_SIZE];
-    const double *texel = cascades->texel_size[i], *first = cascades->texel_size[0];
-    const double largest = fmax(texel[0], texel[1]);
-    const bool world = effects[CSM_EFFECT_KERNEL] == CSM_KERNEL_WORLD;
-    /* as wide [m] as in the first cascade, but never wider in texels nor below one compare */
-    const double share = world ? fmin(fmax(first[0], first[1]) / largest, 1.0) : 1.0;
-    uniforms->kernel[i][0] = (float)fmax(half * share, 0.5);
-    uniforms->kernel[i][1] = (float)(half * 2.0 * camera->half_height / camera->height / largest);
-    uniforms->kernel[i][2] = (float)span;
-    uniforms->kernel[i][3] = (float)(1.0 / largest);
+    const double *first = frame->out->cascades.texel_size[0];
+    const bool box = effects[CSM_EFFECT_FILTER_WEIGHTS] == CSM_WEIGHTS_BOX;
+    const double on_screen = half * 2.0 * camera->half_height / camera->height;
+    const bool screen = effects[CSM_EFFECT_KERNEL] == CSM_KERNEL_SCREEN;
+    return (kernel_width){
+        .most = half,
+        .least = fmin(box ? 0.5 : 1.0, half),
+        .metres = !screen                ? half * fmin(first[0], first[1])
+                  : camera->orthographic ? on_screen
+                                         : 0.0,
+        .metres_per_depth = screen && !camera->orthographic ? on_screen : 0.0,
+    };
+}
+
+/* Where the map lies, and how wide its kernel is. */
+static void write_kernel(const csm_frame *frame, int i, csm_frame_uniforms *uniforms) {
+    const kernel_width kernel = width_of(frame);
+    const double *texel = frame->out->cascades.texel_size[i];
+    const bool world = frame->settings.effects[CSM_EFFECT_KERNEL] == CSM_KERNEL_WORLD;
+    for (int axis = 0; axis < 2; axis++) {
+        const double half = world ? kernel.metres / texel[axis] : kernel.most;
+        uniforms->kernel[i][axis] = (float)fmax(kernel.least, fmin(half, kernel.most));
+    }
     uniforms->place[i][0] = frame->places[i].x;
     uniforms->place[i][1] = frame->places[i].y;
     uniforms->place[i][2] = frame->places[i].layer;
@@ -117,16 +138,20 @@ static void write_filter(const csm_frame *frame, csm_frame_uniforms *uniforms) {
     const csm_settings *settings = &frame->settings;
     const double last = cascades->splits[cascades->count];
     const double fade = settings->fade_width * (last - cascades->splits[0]);
+    const kernel_width kernel = width_of(frame);
     double exponents[2];
     csm_settings_exponents(settings, exponents);
-    to_floats((const double[4]){settings->blend_width, last - fade, fade > 0.0 ? 1.0 / fade : 0.0,
+    to_floats((const double[4]){settings->blend_width, last, fade > 0.0 ? 1.0 / fade : 0.0,
                                 tan(0.5 * frame->desc->angular_diameter)},
               4, uniforms->blend);
     to_floats((const double[4]){exponents[0], exponents[1], csm_settings_least_variance(settings),
                                 csm_settings_moment_bias(settings)},
               4, uniforms->moments);
+    to_floats((const double[4]){kernel.most, kernel.metres, kernel.metres_per_depth, kernel.least},
+              4, uniforms->width);
+    uniforms->view_centre[3] = (float)settings->effects[CSM_EFFECT_ANISOTROPY];
     to_floats((const double[4]){settings->bleed_step, 1.0 / (1.0 - settings->bleed_step),
-                                settings->bleed_power, ldexp(1.0, frame->moments.sum_bits) - 1.0},
+                                settings->bleed_power, frame->moments.sum_steps},
               4, uniforms->bleed);
 }
 
@@ -135,7 +160,7 @@ void csm_frame_write_view(csm_frame *frame) {
     csm_frame_uniforms *uniforms = &frame->uniforms;
     memset(uniforms, 0, sizeof *uniforms);
     for (int axis = 0; axis < 3; axis++) {
-        double eye = desc->camera.eye[axis] - desc->scene->origin[axis];
+        double eye = desc->camera.eye[axis] - frame->origin[axis];
         /* volatile: GCC 12 at -O3 pairs x with y and leaves the rounding of both out, so that the
          * rest became 0 */
         volatile float high = (float)eye;
@@ -160,6 +185,7 @@ void csm_frame_write_light(csm_frame *frame) {
             uniforms->normal_from_origin[row][column] = (float)normals[row][column];
         }
     }
+    uniforms->view_centre[2] = (float)cascades->splits[0];
     for (int i = 0; i < cascades->count; i++) {
         uniforms->slope[i][2] = (float)cascades->splits[i + 1];
     }
@@ -195,7 +221,7 @@ void csm_frame_write_warps(const csm_frame *frame, csm_warp_uniforms *out) {
             double offset = -warp->origin[row], turned[2] = {0.0, 0.0};
             for (int axis = 0; axis < 3; axis++) {
                 const double here = light[4 * axis + row];
-                offset += here * (frame->desc->scene->origin[axis] - frame->desc->camera.eye[axis]);
+                offset += here * (frame->origin[axis] - frame->desc->camera.eye[axis]);
                 turned[0] += here * base[4 * axis];
                 turned[1] += here * base[4 * axis + 1];
             }

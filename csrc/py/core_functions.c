@@ -586,13 +586,15 @@ static PyObject *cull_boxes(PyObject *module, PyObject *args, PyObject *kwargs) 
         PyErr_NoMemory();
     } else {
         const csm_camera *view = &arguments.desc.camera;
+        csm_settings canonical = arguments.settings;
+        csm_settings_canonical(&canonical);
+        const double band = csm_settings_band(&canonical);
         csm_cull_volume volume;
         if (cascade >= 0) {
-            csm_cull_volume_make(&cascades, cascade, view,
-                                 arguments.settings.effects[CSM_EFFECT_SELECT], margin_texels,
-                                 whole_window, &volume);
+            csm_cull_volume_make(&cascades, cascade, view, canonical.effects[CSM_EFFECT_SELECT],
+                                 band, margin_texels, whole_window, &volume);
             if (border != Py_None) {
-                csm_cull_volume_exclude(&cascades, cascade, border_texels, &volume);
+                csm_cull_volume_exclude(&cascades, cascade, border_texels, band, &volume);
             }
         }
         npy_intp count[1];

@@ -73,11 +73,11 @@ static bool signal_arrived(void *user) {
  */
 
 static PyObject *renderer_new(PyTypeObject *type, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"backend", "debug", "shader_folder", "stage", NULL};
-    int backend, debug, stage = CSM_STAGE_COMPUTE;
+    static char *names[] = {"backend", "debug", "shader_folder", NULL};
+    int backend, debug;
     const char *folder;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "ips|i:Renderer", names, &backend, &debug,
-                                     &folder, &stage)) {
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "ips:Renderer", names, &backend, &debug,
+                                     &folder)) {
         return NULL;
     }
     renderer_object *self = (renderer_object *)type->tp_alloc(type, 0);
@@ -89,7 +89,7 @@ static PyObject *renderer_new(PyTypeObject *type, PyObject *args, PyObject *kwar
         Py_DECREF(self);
         return PyErr_NoMemory();
     }
-    csm_renderer_desc desc = {backend, stage, debug, read_shader, self->shader_folder};
+    csm_renderer_desc desc = {backend, debug, read_shader, self->shader_folder};
     csm_error err = {0};
     csm_status status;
     Py_BEGIN_ALLOW_THREADS
@@ -151,13 +151,31 @@ static PyObject *renderer_describe(PyObject *object, PyObject *unused) {
     if (status != CSM_OK) {
         return csm_py_raise(module_of(object), &err);
     }
-    return Py_BuildValue("{s:s,s:s,s:s,s:s,s:s,s:s,s:N,s:i,s:i,s:L,s:i,s:i}", "backend",
-                         info.backend, "platform", info.platform, "vendor", info.vendor, "renderer",
-                         info.renderer, "version", info.version, "glsl", info.glsl, "software",
-                         PyBool_FromLong(info.software), "max_texture_size", info.max_texture_size,
-                         "max_layers", info.max_layers, "max_buffer_bytes",
-                         (long long)info.max_buffer_bytes, "programs_compiled",
-                         info.programs_compiled, "live_objects", info.live_objects);
+    return Py_BuildValue(
+        "{s:s,s:s,s:s,s:s,s:s,s:s,s:N,s:s,s:i,s:i,s:i,s:i,s:L,s:i,s:i}", "backend", info.backend,
+        "platform", info.platform, "vendor", info.vendor, "renderer", info.renderer, "version",
+        info.version, "glsl", info.glsl, "software", PyBool_FromLong(info.software), "stage",
+        info.stage == CSM_STAGE_FRAGMENT ? "fragment" : "compute", "max_texture_size",
+        info.max_texture_size, "max_cube_size", info.max_cube_size, "max_layers", info.max_layers,
+        "max_samples", info.max_samples, "max_buffer_bytes", (long long)info.max_buffer_bytes,
+        "programs_compiled", info.programs_compiled, "live_objects", info.live_objects);
+}
+
+static PyObject *renderer_set_stage(PyObject *object, PyObject *value) {
+    csm_renderer *renderer = open_renderer(object);
+    const long stage = renderer ? PyLong_AsLong(value) : -1;
+    csm_error err = {0};
+    csm_status status;
+    if (!renderer || PyErr_Occurred()) {
+        return NULL;
+    }
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_renderer_set_stage(renderer, (int)stage, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        return csm_py_raise(module_of(object), &err);
+    }
+    Py_RETURN_NONE;
 }
 
 static PyObject *renderer_reload(PyObject *object, PyObject *unused) {
@@ -437,10 +455,59 @@ fail:
     return NULL;
 }
 
+PyDoc_STRVAR(visibility_doc,
+             "visibility(points, normals, mask, cascade_index, blend_weight)\n--\n\n"
+             "Fills the arrays with what the maps of the last render say.");
+
+static PyObject *renderer_visibility(PyObject *object, PyObject *args) {
+    PyObject *points, *normals, *mask, *cascade, *weight;
+    csm_renderer *renderer = open_renderer(object);
+    csm_error err = {0};
+    csm_status status;
+    if (!renderer ||
+        !PyArg_ParseTuple(args, "OOOOO:visibility", &points, &normals, &mask, &cascade, &weight)) {
+        return NULL;
+    }
+    PyArrayObject *point_rows = csm_py_rows(points, "points", NPY_DOUBLE, 3);
+    PyArrayObject *normal_rows = NULL;
+    PyObject *result = NULL;
+    bool ok = point_rows != NULL;
+    if (ok && normals != Py_None) {
+        normal_rows = csm_py_rows(normals, "normals", NPY_DOUBLE, 3);
+        ok = normal_rows != NULL;
+        if (ok && PyArray_DIM(normal_rows, 0) != PyArray_DIM(point_rows, 0)) {
+            PyErr_SetString(PyExc_ValueError, "normals must be as many as points");
+            ok = false;
+        }
+    }
+    if (ok) {
+        const npy_intp count = PyArray_DIM(point_rows, 0);
+        float *out_mask = array_data(mask, "mask", NPY_FLOAT32, count, &ok);
+        uint8_t *out_cascade = array_data(cascade, "cascade_index", NPY_UINT8, count, &ok);
+        float *out_weight = array_data(weight, "blend_weight", NPY_FLOAT32, count, &ok);
+        const csm_visibility_desc desc = {.points = PyArray_DATA(point_rows),
+                                          .normals = normal_rows ? PyArray_DATA(normal_rows) : NULL,
+                                          .point_count = (size_t)count,
+                                          .stop = signal_arrived};
+        if (ok) {
+            Py_BEGIN_ALLOW_THREADS
+            status =
+                csm_renderer_visibility(renderer, &desc, out_mask, out_cascade, out_weight, &err);
+            Py_END_ALLOW_THREADS
+            result = status == CSM_OK ? Py_NewRef(Py_None) : csm_py_raise(module_of(object), &err);
+        }
+    }
+    Py_XDECREF(point_rows);
+    Py_XDECREF(normal_rows);
+    return result;
+}
+
 static PyMethodDef renderer_methods[] = {
     {"close", renderer_close, METH_NOARGS,
      "close()\n--\n\nDestroys the context; again does nothing."},
     {"describe", renderer_describe, METH_NOARGS, "describe()\n--\n\nDriver, limits and counts."},
+    {"set_stage", renderer_set_stage, METH_O,
+     "set_stage(stage)\n--\n\nWhere passes over pixels and texels run: 0 compute, 1 fragment."},
     {"reload", renderer_reload, METH_NOARGS, "reload()\n--\n\nForgets every program."},
     {"messages", renderer_messages, METH_NOARGS,
      "messages()\n--\n\n(id, severity, text) of the driver since the last call."},
@@ -448,6 +515,7 @@ static PyMethodDef renderer_methods[] = {
      "upload(meshes, instance_mesh, world_from_instance, origin)\n--\n\nA handle on a scene."},
     {"drop", renderer_drop, METH_O, "drop(scene)\n--\n\nFrees an uploaded scene."},
     {"render", renderer_render, METH_VARARGS, render_doc},
+    {"visibility", renderer_visibility, METH_VARARGS, visibility_doc},
     {NULL, NULL, 0, NULL},
 };
 
@@ -455,8 +523,7 @@ static PyType_Slot renderer_slots[] = {
     {Py_tp_new, renderer_new},
     {Py_tp_dealloc, renderer_dealloc},
     {Py_tp_methods, renderer_methods},
-    {Py_tp_doc,
-     "Renderer(backend, debug, shader_folder, stage=0)\n--\n\nA context and what is on it."},
+    {Py_tp_doc, "Renderer(backend, debug, shader_folder)\n--\n\nA context and what is on it."},
     {0, NULL},
 };
 

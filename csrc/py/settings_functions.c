@@ -294,6 +294,55 @@ static PyObject *bias_terms(PyObject *module, PyObject *object) {
                          bias.roundings);
 }
 
+static PyObject *new_bias(const csm_bias_metres *bias) {
+    return Py_BuildValue("{s:s,s:N,s:d,s:d,s:d,s:d,s:d,s:d,s:d}", "side",
+                         bias->on_casters ? "caster" : "receiver", "receiver_plane",
+                         PyBool_FromLong(bias->receiver_plane), "texel_m", bias->texel, "quantum_m",
+                         bias->quantum, "constant_m", bias->constant, "slope_m", bias->slope,
+                         "normal_offset_m", bias->normal_offset, "needed_constant_m",
+                         bias->needed_constant, "needed_slope_m", bias->needed_slope);
+}
+
+PyDoc_STRVAR(bias_metres_doc, "bias_metres(settings, clip_from_light, map_size, depth_range)\n"
+                              "--\n\n"
+                              "A dict of lengths for each cascade.");
+
+static PyObject *bias_metres(PyObject *module, PyObject *args) {
+    PyObject *object, *matrices, *sizes, *ranges, *list = NULL;
+    csm_settings settings;
+    double *clip_from_light;
+    npy_intp count;
+    if (!PyArg_ParseTuple(args, "OOOO:bias_metres", &object, &matrices, &sizes, &ranges) ||
+        parse_valid(module, object, &settings) < 0 ||
+        csm_py_matrices(matrices, "clip_from_light", &clip_from_light, &count) < 0) {
+        return NULL;
+    }
+    csm_settings_canonical(&settings);
+    PyArrayObject *range_rows = csm_py_rows(ranges, "depth_range", NPY_DOUBLE, 2);
+    PyArrayObject *size_rows = csm_py_rows(sizes, "map_size", NPY_INT, 0);
+    if (range_rows && size_rows) {
+        if (PyArray_DIM(range_rows, 0) == count && PyArray_DIM(size_rows, 0) == count) {
+            list = PyList_New(0);
+        } else {
+            PyErr_SetString(PyExc_ValueError, "map_size and depth_range must be as many as maps");
+        }
+    }
+    for (npy_intp i = 0; i < count && list; i++) {
+        const csm_bias_metres bias = csm_bias_in_metres(
+            &settings, clip_from_light + 16 * i, ((const int *)PyArray_DATA(size_rows))[i],
+            (const double *)PyArray_DATA(range_rows) + 2 * i);
+        PyObject *item = new_bias(&bias);
+        if (!item || PyList_Append(list, item) < 0) {
+            Py_CLEAR(list);
+        }
+        Py_XDECREF(item);
+    }
+    Py_XDECREF(range_rows);
+    Py_XDECREF(size_rows);
+    PyMem_Free(clip_from_light);
+    return list;
+}
+
 static PyObject *plan_lists(const csm_plan *plan) {
     PyObject *steps = PyList_New(0), *textures = PyList_New(0), *programs = PyList_New(0);
     bool complete = steps && textures && programs;
@@ -351,6 +400,32 @@ static PyObject *plan(PyObject *module, PyObject *args) {
     return plan_lists(&made);
 }
 
+PyDoc_STRVAR(storage_places_doc,
+             "storage_places(settings)\n--\n\n"
+             "(places, size): (x, y, size, layer) of each map in a texture of (width, height).");
+
+static PyObject *storage_places(PyObject *module, PyObject *object) {
+    csm_settings settings;
+    csm_place places[CSM_MAX_CASCADES];
+    int size[2];
+    if (parse_valid(module, object, &settings) < 0) {
+        return NULL;
+    }
+    csm_settings_canonical(&settings);
+    csm_storage_places(&settings, places, size);
+    const int count = settings.effects[CSM_EFFECT_CASCADE_COUNT];
+    PyObject *list = PyList_New(0);
+    for (int i = 0; i < count && list; i++) {
+        const csm_place *at = &places[i];
+        PyObject *item = Py_BuildValue("(iiii)", at->x, at->y, at->size, at->layer);
+        if (!item || PyList_Append(list, item) < 0) {
+            Py_CLEAR(list);
+        }
+        Py_XDECREF(item);
+    }
+    return list ? Py_BuildValue("N(ii)", list, size[0], size[1]) : NULL;
+}
+
 PyDoc_STRVAR(program_defines_doc, "program_defines(pass_name, settings, outputs, instanced=False, "
                                   "alpha_tested=False)\n"
                                   "--\n\n"
@@ -387,7 +462,9 @@ PyMethodDef csm_py_settings_methods[] = {
     {"number_table", number_table, METH_NOARGS, number_table_doc},
     {"moment_numbers", moment_numbers, METH_O, moment_numbers_doc},
     {"bias_terms", bias_terms, METH_O, bias_terms_doc},
+    {"bias_metres", bias_metres, METH_VARARGS, bias_metres_doc},
     {"plan", plan, METH_VARARGS, plan_doc},
+    {"storage_places", storage_places, METH_O, storage_places_doc},
     {"program_defines", program_defines, METH_VARARGS, program_defines_doc},
     {NULL, NULL, 0, NULL},
 };

@@ -16,3 +16,11 @@ float largest_lit_share(float depth, float mean, float square, float least_varia
     float behind = depth - mean;
     return behind <= 0.0 ? 1.0 : without_bleeding(variance / (variance + behind * behind));
 }
+
+// The same of values from tiny to huge that are rounded as shares of themselves, and so is the least variance:
+// in units of the larger of receiver and mean nothing is lost, and no square overflows.
+float largest_lit_share_scaled(float depth, float mean, float square, float least_variance)
+{
+    float unit = 1.0 / max(abs(depth), abs(mean));
+    return largest_lit_share(depth * unit, mean * unit, square * unit * unit, least_variance);
+}

@@ -2,6 +2,6 @@
 
 float filter_visibility(map_receiver at)
 {
-    vec2 found = moments_at(at, 0, 1).xy;
-    return largest_lit_share(at.z - 0.5, found.x, found.y, frame.moments.z);
+    vec2 found = pair_of_stored(moments_at(at, 0, 1).xy);
+    return largest_lit_share(centred(at.z), found.x, found.y, frame.moments.z);
 }

@@ -23,12 +23,13 @@ struct frame_values
     vec4 clip[8];                   // light x, y to clip x, y: scale, offset
     vec4 turn[8];                   // cosine, sine of its axes against those of light space
     vec4 normal_from_origin[3];     // rows: normals to light space, where it is skewed
-    vec4 view_centre;               // x, y of the picture's centre, in the units of view.xy
+    vec4 view_centre;               // x, y of the picture's centre, in the units of view.xy; view depth of the first split; most lookups along a footprint
     ivec4 place[8];                 // x, y of the map in what holds it [texels]; layer
-    vec4 kernel[8];                 // half width [texels]; where constant on screen per metre of view depth; depth range [m]; texels per metre
-    vec4 blend;                     // share of half a map; depth where shadows fade; 1 / width; tangent of the sun's angular radius
+    vec4 kernel[8];                 // half width in x, y [texels]
+    vec4 width;                     // half of filter_size [texels]; half width [m], and a part per metre of view depth; least [texels]
+    vec4 blend;                     // share of half a map; depth where they end; 1 / width of their fade before it; tangent of the sun's angular radius
     vec4 moments;                   // exponents of the positive and negative warp; least variance; bias
-    vec4 bleed;                     // step; 1 / (1 - step); power; a texel's part of summed areas
+    vec4 bleed;                     // step; 1 / (1 - step); power; steps of summed areas to the range of depths
 };
 
 layout(std140, binding = 0) uniform frame_block

@@ -22,9 +22,31 @@ vec3 light_normal(vec3 normal)
 #endif
 }
 
+#if CSM_PLANE == CSM_PLANE_DERIVATIVES
+
+// Steps as parallel as this span no plane but by their rounding.
+const float least_sine = 1e-6;
+
+// The same from two steps of the picture in light space [MSDN]: it jumps where a step leaves the surface, and has the
+// limit of planes from normals, as it grows without bounds towards edge-on while the steps stay apart.
+vec2 gradient_of_steps(vec3 x, vec3 y)
+{
+    float determinant = x.x * y.y - x.y * y.x;
+    bool parallel = abs(determinant) <= least_sine * length(x.xy) * length(y.xy);
+    vec2 gradient = vec2(x.y * y.z - y.y * x.z, y.x * x.z - x.x * y.z) / (parallel ? 1.0 : determinant);
+    return parallel ? vec2(0.0) : gradient * (max_slope_tangent / max(length(gradient), max_slope_tangent));
+}
+
+#endif
+
 // Gradient of light-view depth over light x, y [m/m] on the receiver's plane.
 vec2 depth_gradient(receiver point)
 {
+#if CSM_PLANE == CSM_PLANE_DERIVATIVES
+    if (point.step_x != vec3(0.0) || point.step_y != vec3(0.0)) {
+        return gradient_of_steps(point.step_x, point.step_y);
+    }
+#endif
     // an unknown plane is taken as tilted 45 degrees to the light, diagonal to the map
     vec3 normal_ls = plane_known(point) ? light_normal(point.normal) : vec3(sqrt(0.5), sqrt(0.5), 1.0);
     return normal_ls.xy / max(normal_ls.z, 1.0 / max_slope_tangent);

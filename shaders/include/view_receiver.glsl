@@ -26,23 +26,47 @@ float depth_on_plane(vec4 plane, vec3 eye_high, vec3 eye_low, vec3 start, vec3 d
     return clamp(height / divisor, ends.x, ends.y);
 }
 
-// The visible surface at a pixel; seen is false where there is none.
-receiver receiver_at(ivec2 pixel, out bool seen)
+// The ray through a pixel's centre.
+struct view_ray
 {
-    vec4 plane = plane_at(pixel, seen);
+    vec3 start, direction; // relative to the eye; of unit length along the view axis
+};
+
+view_ray ray_through(ivec2 pixel)
+{
     vec2 ndc = (vec2(pixel) + 0.5) / vec2(frame.image.xy) * 2.0 - 1.0;
     vec2 at = frame.view_centre.xy + ndc * frame.view.xy;
     vec3 side = at.x * frame.right.xyz + at.y * frame.up.xyz;
     bool orthographic = frame.right.w > 0.0;
-    vec3 start = orthographic ? side : vec3(0.0);
-    vec3 direction = orthographic ? -frame.backward.xyz : side - frame.backward.xyz;
-    float depth = depth_on_plane(plane, frame.eye_high.xyz, frame.eye_low.xyz, start, direction, frame.view.zw);
+    return view_ray(orthographic ? side : vec3(0.0),
+                    orthographic ? -frame.backward.xyz : side - frame.backward.xyz);
+}
+
+// Where the ray through a pixel meets a plane.
+float plane_depth(vec4 plane, view_ray ray)
+{
+    return depth_on_plane(plane, frame.eye_high.xyz, frame.eye_low.xyz, ray.start, ray.direction, frame.view.zw);
+}
+
+vec3 towards_camera(vec4 plane, view_ray ray)
+{
+    return dot(plane.xyz, ray.direction) > 0.0 ? -plane.xyz : plane.xyz;
+}
+
+#include "include/pixel_steps.glsl"
+
+// The visible surface at a pixel; seen is false where there is none.
+receiver receiver_at(ivec2 pixel, out bool seen)
+{
+    vec4 plane = plane_at(pixel, seen);
+    view_ray ray = ray_through(pixel);
+    float depth = plane_depth(plane, ray);
 
     receiver point;
-    bool behind = dot(plane.xyz, direction) > 0.0;
-    point.normal = seen ? (behind ? -plane.xyz : plane.xyz) : vec3(0.0);
+    point.normal = seen ? towards_camera(plane, ray) : vec3(0.0);
     point.view_depth = seen ? depth : uintBitsToFloat(0x7f800000u); // infinity
-    point.position = frame.eye_high.xyz + (frame.eye_low.xyz + start + depth * direction);
+    point.position = frame.eye_high.xyz + (frame.eye_low.xyz + ray.start + depth * ray.direction);
     point.noise = pixel_noise(pixel);
+    take_steps(point, pixel, plane, seen);
     return point;
 }

@@ -33,6 +33,24 @@ vec4 warp_clip(vec2 local, float depth, int cascade)
                 rows.z * local.y + rows.w);
 }
 
+// Sides [m] of a texel of the map where clip x, y, after the division, and w are these.
+vec2 warp_texel(vec2 clip_xy, float w, int cascade)
+{
+    float across = warp.across[cascade].x, growth = warp.rows[cascade].z;
+    float along = warp.rows[cascade].x - clip_xy.y * growth;
+    float bend = (warp.across[cascade].y - clip_xy.x * growth) / across;
+    vec4 metres = warp.metres[cascade];
+    return vec2(length(metres.xy) * w / across, length(metres.zw - bend * metres.xy) * w / along) *
+           (2.0 / frame.centre[cascade].w);
+}
+
+// Change of the map's depth from a row of texels to the next at one distance from the light.
+float warp_tilt(float z, float clip_y, int cascade)
+{
+    float growth = warp.rows[cascade].z;
+    return -z * growth / (warp.rows[cascade].x - clip_y * growth) / frame.centre[cascade].z;
+}
+
 // w where clip y, after the division, is this: 1 / w is linear over the map.
 float warp_divisor(float clip_y, int cascade)
 {

@@ -15,7 +15,13 @@ struct candidate
     float tilt;    // depth per texel in v at one distance from the light
     float constant_bias;
     float scale;   // depth per metre
+    vec2 density;  // texels per metre
     float largest; // by hand, biases take the larger side of the texel: its depth, else 0
+    bool in_range; // of the map's depths
+#if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
+    vec4 growth;    // texels in u, v per metre along light x, then along light y
+    vec4 footprint; // where it is taken from maps; else it comes of light space
+#endif
 };
 
 // Derivatives of a map at a place: with clip (u, v), local (a, b) and w they are da/du = w / across.x,
@@ -37,10 +43,7 @@ warp_place warp_at(vec2 light_xy, int cascade)
     at.uv = clip.w > 0.0 ? clip.xy / clip.w : vec2(2.0);
     at.along = warp.rows[cascade].x - at.uv.y * growth;
     at.bend = (warp.across[cascade].y - at.uv.x * growth) / across;
-    vec4 metres = warp.metres[cascade];
-    float step = 2.0 / frame.centre[cascade].w;
-    at.texel = vec2(length(metres.xy) * at.w / across,
-                    length(metres.zw - at.bend * metres.xy) * at.w / at.along) * step;
+    at.texel = warp_texel(at.uv, at.w, cascade);
     return at;
 }
 
@@ -66,16 +69,25 @@ bool place_in_map(receiver point, int cascade, out candidate here)
     here.z = depth / at.w;
     float step = 1.0 / here.centre.z; // clip units of a texel
     here.slope = vec4(metres.xy / across, (metres.zw - at.bend * metres.xy) / at.along) * step;
-    here.tilt = -here.z * growth / at.along * step;
+    here.tilt = warp_tilt(here.z, at.uv.y, cascade);
     here.scale = scale / at.w;
+    here.density = 1.0 / at.texel;
     here.constant_bias = frame.depth[cascade].z + warp.across[cascade].w * largest * here.scale;
     // a tilted depth feels that corners of casters are snapped, to 1/256 texel or better; where four texels are
     // compared with one depth it differs from texel to texel
     float tilted = CSM_RECEIVER_PLANE == 1 ? 1.0 / 128.0 : 1.0 + 1.0 / 128.0;
     here.constant_bias += frame.bias.w * abs(here.tilt) * tilted;
     here.largest = frame.slope[cascade].w > 0.0 ? largest * here.scale : 0.0;
-    bool inside = inside_window(here.texels, here.centre);
-    return inside && in_range;
+    here.in_range = in_range;
+#if CSM_LOOKUP != CSM_LOOKUP_BILINEAR
+    // local a, b to clip u, v: du = across / w * (da + bend * db), dv = along / w * db
+    vec2 along_x = vec2(warp.along_x[cascade].x, warp.along_y[cascade].x);
+    vec2 along_y = vec2(warp.along_x[cascade].y, warp.along_y[cascade].y);
+    vec2 texels = vec2(across, at.along) * here.centre.z / at.w;
+    here.growth = vec4(along_x.x + at.bend * along_x.y, along_x.y, along_y.x + at.bend * along_y.y, along_y.y) *
+                  texels.xyxy;
+#endif
+    return inside_window(here.texels, here.centre) && in_range;
 }
 
 vec2 level_slope(candidate chosen)

@@ -16,8 +16,8 @@ float kernel_weight(int offset, float fraction, float half_width)
 #elif CSM_FILTER_WEIGHTS == CSM_FILTER_WEIGHTS_TENT
     return max(half_width - abs(float(offset) + 0.5 - fraction), 0.0);
 #else
-    // the kernel ends at two standard deviations
+    // ends at two standard deviations, less its value there, so that texels come and go at nothing
     float away = (float(offset) + 0.5 - fraction) / half_width;
-    return abs(away) < 1.0 + 0.5 / half_width ? exp(-2.0 * away * away) : 0.0;
+    return max(exp(-2.0 * away * away) - 0.1353352832, 0.0);
 #endif
 }
