@@ -178,12 +178,13 @@ ORDER = [
     "errors", "spaces", "camera", "sun", "cutouts", "mesh", "instances", "elevation", "scene",
     "shapes", "plants", "streets", "landscapes", "scenes", "gltf", "materials", "animation",
     "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "stages", "renderer",
-    "embree", "tracing", "metrics", "checks", "check_files", "sweeps", "reports", "recommendation",
+    "embree", "disc", "tracing", "metrics", "checks", "check_files", "progress", "arguments", "digests",
+    "timing", "truth_cache", "sweep_points", "sweep_cases", "sweep_journal", "sweep_worker",
+    "sweep_runs", "sweep_tables", "sweep_provenance", "sweeps", "reports", "recommendation",
     "director", "export", "pictures", "outlines", "plot_style", "plot_windows", "plot_frames",
-    "plot", "results", "progress", "hard_cases", "pytest_plugin", "viewer", "arguments", "cli",
-    "__main__",
+    "plot", "results", "hard_cases", "pytest_plugin", "viewer", "sweep_command", "cli", "__main__",
 ]  # fmt: skip
-JUDGES = {"embree", "tracing", "metrics", "checks", "check_files"}  # also of somebody else's
+JUDGES = {"embree", "disc", "tracing", "metrics", "checks", "check_files"}  # others' pictures too
 LAZY = {
     "elevation": {"rasterio"},
     "loading": {"trimesh"},
@@ -195,6 +196,8 @@ LAZY = {
     "plot_windows": {"matplotlib", "mpl_toolkits"},
     "plot_frames": {"matplotlib"},
     "progress": {"rich"},
+    "sweep_runs": {"distributed"},
+    "sweep_tables": {"xarray"},
     "cli": {"rich"},
 }
 MODULES = [path for path in PACKAGE.glob("*.py") if path.stem != "__init__"]

@@ -16,7 +16,8 @@ from csm import embree, scenes
 from csm.camera import Camera
 from csm.scene import Scene
 from csm.sun import Sun
-from csm.tracing import _disc_directions, truth
+from csm.disc import disc_directions
+from csm.tracing import truth
 
 BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (0, 2) for z in (-1, 1)], float)
 BOX_QUADS = np.array(
@@ -284,7 +285,7 @@ def test_penumbra_of_a_straight_edge_is_the_share_of_the_disc():
 
 def test_directions_fill_the_disc_evenly():
     rays, pixels, sun = 16, np.arange(4000), Sun((0.3, 0.8, -0.5), angular_diameter_deg=40.0)
-    directions = np.concatenate([_disc_directions(sun, rays, k, pixels) for k in range(rays)])
+    directions = np.concatenate([disc_directions(sun, rays, k, pixels) for k in range(rays)])
     assert np.linalg.norm(directions, axis=1) == pytest.approx(1.0, abs=1e-12)
     cosine = directions @ sun.to_light
     edge = np.cos(np.radians(20.0))
