@@ -48,7 +48,8 @@ def cases_of(cases, size=None):
     cases : mapping of str to (scene, camera, sun)
         Each an object, or what `csm render` takes: a file or the name of a made scene; a camera and
         a sun by their names in it or described; None for the scene's first. A scene may also be
-        ``(source, ground)``, with a ground at that height.
+        ``(source, ground)``, with a ground at that height [m], and a sun ``(name, diameter)``, with
+        a disc of that width [degrees].
     size : (int, int), optional
         Of every picture, instead of the cameras' own.
 
@@ -89,12 +90,10 @@ def _case(name, case, size, loaded, digests):
             f"cases: {name!r}: scene must be a csm.Scene, a file or the name of a made scene "
             f"(got {scene!r})"
         )
-    if camera is None or isinstance(camera, str):
-        # The pixels of a camera by name are those of the scene; of one described 1920 x 1080.
-        named = scene.cameras.get(camera if camera is not None else next(iter(scene.cameras), None))
-        _, camera = find_camera(scene, camera, named.size if named is not None else (1920, 1080))
-    if sun is None or isinstance(sun, str):
-        _, sun = find_sun(scene, sun)
+    try:
+        camera, sun = _found_camera(scene, camera), _found_sun(scene, sun)
+    except ValueError as error:
+        raise ValueError(f"cases: {name!r}: {error}") from None
     for what, value, kind in (("camera", camera, Camera), ("sun", sun, Sun)):
         if not isinstance(value, kind):
             raise TypeError(
@@ -104,6 +103,22 @@ def _case(name, case, size, loaded, digests):
         digests[id(scene)] = scene_digest(scene)
     camera = camera if size is None else camera.replace(size=size)
     return Case(name, scene, camera, sun, source, ground, digests[id(scene)])
+
+
+def _found_camera(scene, camera):
+    if camera is not None and not isinstance(camera, str):
+        return camera
+    name = next(iter(scene.cameras), None) if camera is None else camera
+    # A named camera keeps its pixels, one described has those of `Camera.look_at`.
+    size = scene.cameras[name].size if name in scene.cameras else (1920, 1080)
+    return find_camera(scene, camera, size)[1]
+
+
+def _found_sun(scene, sun):
+    diameter = None
+    if isinstance(sun, (tuple, list)) and len(sun) == 2:
+        sun, diameter = sun
+    return find_sun(scene, sun, diameter)[1] if sun is None or isinstance(sun, str) else sun
 
 
 def camera_text(camera):

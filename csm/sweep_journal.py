@@ -45,7 +45,7 @@ class Journal:
             return
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(path, "a+b", buffering=0)  # noqa: SIM115 - kept open while it is held
+        self._file = open(path, "a+b", buffering=0)
         try:
             self._hold(path)
             self._read(path)

@@ -158,12 +158,13 @@ class DaskWorkers:
             from distributed import KilledWorker, wait
         except ImportError as error:
             raise ImportError(
-                "client= needs dask: pip install cascaded-shadow-maps[cluster]"
+                "client= needs dask and distributed: pip install cascaded-shadow-maps[cluster]"
             ) from error
         self.lost = (KilledWorker,)
         self._wait = wait
         self._client = client
-        self.width = 2 * max(1, len(client.nthreads()))
+        self.count = len(client.nthreads())
+        self.width = 2 * max(1, self.count)  # the next task is there when one is done
 
     def __enter__(self):
         return self

@@ -140,8 +140,8 @@ def _judge(renderer, truth, settings, options):
     frame = renderer.render(truth.scene, truth.camera, truth.sun, settings, outputs=outputs)
     report = compare(frame, truth)
     return {
-        "errors": {cause: report.mean[cause] for cause in options.causes},
-        "disagreement": report.disagreement,
+        "errors": {cause: float(report.mean[cause]) for cause in options.causes},
+        "disagreement": float(report.disagreement),
         "beyond_range": report.beyond_range,
         "judged_count": report.judged_count,
         "bytes_maps": sum(

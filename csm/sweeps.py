@@ -1,15 +1,10 @@
 """Sweeps: every combination of settings over scenes, cameras and suns, judged and timed."""
 
 import contextlib
-import datetime
 import importlib
-import json
-import platform
+import os
 import sys
-from importlib import metadata
 from pathlib import Path
-
-import numpy as np
 
 from .digests import code_digest, commit, digest
 from .errors import CsmError
@@ -18,9 +13,10 @@ from .progress import Progress
 from .renderer import Renderer
 from .settings import ShadowSettings
 from .spaces import as_whole
-from .sweep_cases import camera_from_text, camera_text, cases_of, sun_from_text, sun_text
+from .sweep_cases import camera_from_text, cases_of, sun_from_text
 from .sweep_journal import FAILED, INVALID, Journal, blank_record
 from .sweep_points import axes_of, points_of, settings_from_text
+from .sweep_provenance import provenance
 from .sweep_runs import DaskWorkers, PoolWorkers, run_here, run_on
 from .sweep_tables import (
     VALUES,
@@ -34,7 +30,6 @@ from .sweep_tables import (
     write_netcdf,
 )
 from .sweep_worker import MASK_CAUSES, Job, Options, measure
-from .timing import LEAST, MOST, SPREAD
 from .truth_cache import cached_truth
 
 __all__ = ["repeat_point", "sweep"]
@@ -72,7 +67,8 @@ def sweep(
     cases : mapping of str to (scene, camera, sun)
         Objects, or names as on the command line: ``("town", "street", "low")``,
         ``("town.glb", "eye=0,20,60,target=0,5,0", "238,33")``, None for a scene's first camera or
-        sun; ``(("town.glb", 0.0), …)`` puts a ground at that height. What is given by name other
+        sun; for a scene ``("town.glb", 0.0)`` puts a ground at that height, for a sun ``("low",
+        0.53)`` is one of that diameter [degrees]. What is given by name other
         processes load themselves, and a row of the table can be repeated without it.
     axes : mapping
         Settings to lists of values; or a name of your own to labels that stand for several
@@ -130,9 +126,9 @@ def sweep(
 
     Notes
     -----
-    Times follow [SPEC]_: a point's first frames, which compile and allocate, do not count, nor does
-    the frame after another point's; points of a case are timed in turns. ``clock`` in the
-    attributes names the clock.
+    A point's first frames, which compile and allocate, do not count, nor does the frame after
+    another point's; points of a case are timed in turns. ``clock`` in the attributes names the
+    clock; docs/sweeps.md says more.
 
     Examples
     --------
@@ -149,7 +145,7 @@ def sweep(
         raise TypeError(f"base must be a csm.ShadowSettings (got {type(base).__name__})")
     options = _options(causes, repeats, backend, stage)
     rays = {"rays_per_pixel": rays_per_pixel, "standard_error": standard_error}
-    workers = _workers(processes, client)
+    workers, measured_by = _workers(processes, client)
     _check_packages(out, {axis.name for axis in axes})
     points = points_of(base, axes)
     keys = _keys(cases, points, options, rays)
@@ -174,7 +170,7 @@ def sweep(
             axes,
             records,
             causes=options.causes,
-            attributes=_provenance(cases, axes, base, records, protocol, processes, client),
+            attributes=provenance(cases, axes, base, records.values(), protocol, measured_by),
         )
         if folder is not None:
             write_netcdf(dataset, folder / NETCDF)
@@ -248,6 +244,8 @@ def _options(causes, repeats, backend, stage):
             raise ValueError(f"causes may name {', '.join(CAUSES)} (got {cause!r})")
     if len(set(causes)) != len(causes):
         raise ValueError(f"causes names one twice (got {causes})")
+    if backend == "auto":  # two back ends must not pass for one
+        backend = os.environ.get("CSM_BACKEND") or "auto"
     if repeats is not None:
         repeats = as_whole("repeats", repeats, 1, MOST_REPEATS)
     return Options(causes, repeats, backend, stage)
@@ -258,8 +256,11 @@ def _workers(processes, client):
     if client is not None:
         if processes != 1:
             raise ValueError(f"processes and client exclude each other (got {processes})")
-        return DaskWorkers(client)
-    return PoolWorkers(processes) if processes > 1 else None
+        workers = DaskWorkers(client)
+        return workers, f"workers of Dask, {workers.count} at once"
+    if processes > 1:
+        return PoolWorkers(processes), f"{processes} processes at once"
+    return None, "one process"
 
 
 def _check_packages(out, axis_names):
@@ -335,7 +336,7 @@ def _bar(progress, left, count):
     """Yield what is called when a point is done."""
     done = 0
     if callable(progress):
-        tell, stage = progress, contextlib.nullcontext(progress)
+        stage = contextlib.nullcontext(progress)
     else:
         shown = sys.stderr.isatty() if progress is None else progress
         known = f", {count - left} known" if left < count else ""
@@ -348,67 +349,3 @@ def _bar(progress, left, count):
             tell(done / left)
 
         yield advance
-
-
-# -- where it came from ---------------------------------------------------------------------------
-
-
-def _provenance(cases, axes, base, records, protocol, processes, client):
-    """Attributes of the dataset: strings and numbers, as netCDF has them."""
-    found = [record for record in records.values() if record["driver"]]
-    versions = {
-        "numpy": np.__version__,
-        **{name: metadata.version(name) for name in ("xarray", "embreex")},
-    }
-    shown = {
-        case.name: {
-            "scene": case.source or case.scene.name,
-            "scene_digest": case.scene_digest,
-            "triangles": case.scene.triangle_count,
-            "ground": case.ground,
-            "camera": json.loads(camera_text(case.camera)),
-            "sun": json.loads(sun_text(case.sun)),
-        }
-        for case in cases
-    }
-    repeats = protocol["repeats"]
-    return {
-        "title": "Shadow error, time and memory by settings",
-        "csm": metadata.version("cascaded-shadow-maps"),
-        "commit": commit(),
-        "code": code_digest(),
-        "created": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
-        "python": platform.python_version(),
-        "versions": json.dumps(versions),
-        "driver": _each({_driver_text(record["driver"]) for record in found}),
-        "machine": _each({record["machine"] for record in found}),
-        "clock": _each({record["clock"] for record in found if record["clock"]}),
-        "backend": protocol["backend"],
-        "stage": protocol["stage"],
-        "measured_by": "dask" if client is not None else f"{processes} process(es) at once",
-        "timing": (
-            "medians and quartiles over frames that count; a frame that does not count goes before "
-            "whenever another point's was drawn; points of a case in turns; ms_total is the sum of "
-            "the passes without readback"
-        ),
-        "repeats": (
-            f"{LEAST} to {MOST}, until the quartiles lie within {SPREAD:.0%} of the median"
-            if repeats is None
-            else str(repeats)
-        ),
-        "rays_per_pixel": protocol["rays_per_pixel"],
-        "standard_error": protocol["standard_error"] or "",
-        "seed": "none: what is spread is a function of the numbers of pixel and ray",
-        "causes": " ".join(protocol["causes"]),
-        "base": json.dumps(base.to_dict()),
-        "axes": json.dumps({axis.name: list(axis.changes) for axis in axes}),
-        "cases": json.dumps(shown),
-    }
-
-
-def _driver_text(driver):
-    return f"{driver['backend']} ({driver['platform']}): {driver['renderer']}, {driver['version']}"
-
-
-def _each(texts):
-    return "; ".join(sorted(texts))

@@ -52,7 +52,7 @@ def cached_truth(
         return truth(scene, camera, sun, **options, progress=progress)
     path = Path(folder) / f"{truth_digest(scene, camera, sun, **options)}.npz"
     try:
-        with np.load(path, allow_pickle=False) as saved:
+        with open(path, "rb") as file, np.load(file, allow_pickle=False) as saved:
             return truth_from_arrays(dict(saved), scene, camera, sun)
     except (FileNotFoundError, KeyError, EOFError, ValueError, TypeError, zipfile.BadZipFile):
         pass  # not there, or not whole
@@ -94,7 +94,7 @@ def truth_arrays(traced):
         for field in fields(Truth)
         if field.name not in SHOWN
     }
-    if traced.mask_point is traced.mask:
+    if np.may_share_memory(traced.mask_point, traced.mask):  # a point sun has one
         del arrays["mask_point"]
     return arrays
 
