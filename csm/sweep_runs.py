@@ -12,6 +12,7 @@ import pickle
 import signal
 import tempfile
 import threading
+import weakref
 from concurrent.futures.process import BrokenProcessPool
 from multiprocessing import connection
 from pathlib import Path
@@ -78,7 +79,7 @@ def run_on(workers, work, options, land):
     with workers:
         try:
             for case, truth, jobs in work:
-                load = workers.sent(packed(case, truth))
+                load = packed(case, truth)
                 for group in groups(jobs):
                     collect(workers.width)
                     pending[workers.submit(load, group, options)] = (load, group)
@@ -109,6 +110,7 @@ class PoolWorkers:
 
     def __enter__(self):
         self._folder = tempfile.TemporaryDirectory(prefix="csm-sweep-")
+        self._paths = weakref.WeakKeyDictionary()
         self._stop = self._context.Event()
         self._pool = self._new_pool()
         return self
@@ -123,20 +125,19 @@ class PoolWorkers:
             self.width, self._context, initializer=_begin, initargs=(self._stop,)
         )
 
-    def sent(self, load):
-        """Put a Load where workers find it."""
-        path = Path(self._folder.name) / f"{len(os.listdir(self._folder.name))}.pickle"
-        path.write_bytes(pickle.dumps(load, pickle.HIGHEST_PROTOCOL))
-        return str(path)
-
     def submit(self, load, jobs, options):
         """Start a task."""
+        if load not in self._paths:  # on disk, for whichever process needs it
+            path = Path(self._folder.name) / f"{len(os.listdir(self._folder.name))}.pickle"
+            path.write_bytes(pickle.dumps(load, pickle.HIGHEST_PROTOCOL))
+            self._paths[load] = str(path)
+        task = (_pool_task, self._paths[load], jobs, options)
         try:
-            return self._pool.submit(_pool_task, load, jobs, options)
+            return self._pool.submit(*task)
         except BrokenProcessPool:
             self._pool.shutdown(wait=True)
             self._pool = self._new_pool()
-            return self._pool.submit(_pool_task, load, jobs, options)
+            return self._pool.submit(*task)
 
     @staticmethod
     def wait(futures):
@@ -155,14 +156,16 @@ class DaskWorkers:
 
     def __init__(self, client):
         try:
-            from distributed import KilledWorker, wait
+            from distributed import CancelledError, KilledWorker, wait
         except ImportError as error:
             raise ImportError(
                 "client= needs dask and distributed: pip install cascaded-shadow-maps[cluster]"
             ) from error
-        self.lost = (KilledWorker,)
+        # Cancelled is what needs a case that only the dead worker had.
+        self.lost = (KilledWorker, CancelledError)
         self._wait = wait
         self._client = client
+        self._cases = weakref.WeakKeyDictionary()
         self.count = len(client.nthreads())
         self.width = 2 * max(1, self.count)  # the next task is there when one is done
 
@@ -173,17 +176,18 @@ class DaskWorkers:
         with contextlib.suppress(OSError, TimeoutError):  # a cluster that is gone is released
             self._client.run(release)
 
-    def sent(self, load):
-        """Put a Load where workers find it."""
-        return self._client.scatter(load, hash=False)
-
     def submit(self, load, jobs, options):
         """Start a task."""
-        return self._client.submit(run_task, load, jobs, options, pure=False)
+        case = self._cases.get(load)
+        if case is None or case.status != "finished":
+            case = self._cases[load] = self._client.scatter(load, hash=False)
+        return self._client.submit(run_task, case, jobs, options, pure=False)
 
     def wait(self, futures):
         """Wait for the first of the tasks, return those that are done."""
-        return self._wait(futures, return_when="FIRST_COMPLETED").done
+        with contextlib.suppress(*self.lost):
+            self._wait(futures, return_when="FIRST_COMPLETED")
+        return [future for future in futures if future.status != "pending"]
 
     def stopped(self, futures):
         """Drop what has not finished; return the tasks that have something to tell."""

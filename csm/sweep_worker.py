@@ -50,7 +50,7 @@ class Job:
     settings: object = field(repr=False)
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class Load:
     """A case as it travels to another process: the scene, or how to load it, and the truth."""
 

@@ -13,8 +13,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("embreex", reason="sweeps need the extra truth")
+pytest.importorskip("xarray", reason="sweeps need the extra sweep")
 pytest.importorskip("netCDF4", reason="sweeps need the extra sweep")
-xarray = pytest.importorskip("xarray", reason="sweeps need the extra sweep")
+
+import xarray
 
 import csm
 from csm import sweep_runs, sweep_worker
@@ -252,10 +254,16 @@ def test_500_points_on_dask(client, tmp_path):
 
 
 class Deadly:
-    """Settings that kill the process that unpacks them."""
+    """Settings that kill a process that unpacks them, other than where they come from."""
 
     def __reduce__(self):
-        return os._exit, (1,)
+        return _die_elsewhere, (os.getpid(),)  # Dask's scheduler unpacks them in this process
+
+
+def _die_elsewhere(home):
+    if os.getpid() != home:
+        os._exit(1)
+    return Deadly()
 
 
 def work_with_a_death():

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 pytest.importorskip("embreex", reason="sweeps need the extra truth")
+pytest.importorskip("xarray", reason="sweeps need the extra sweep")
 pytest.importorskip("netCDF4", reason="sweeps need the extra sweep")
-xarray = pytest.importorskip("xarray", reason="sweeps need the extra sweep")
+
+import xarray
 
 import csm
 from csm import renderer as renderer_module
