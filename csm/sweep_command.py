@@ -168,7 +168,10 @@ def read_sweep(path):
             raise ValueError(f"{path}: needs a table [{key}] with at least one entry")
     cases = {}
     for name, entry in content.pop("cases").items():
-        cases |= _cases(path, name, entry)
+        more = _cases(path, name, entry)
+        for twice in cases.keys() & more.keys():
+            raise ValueError(f"{path}: two cases are called {twice!r}")
+        cases |= more
     base = content.pop("base", {})
     if not isinstance(base, Mapping):
         raise ValueError(f"{path}: [base] must be a table of settings")

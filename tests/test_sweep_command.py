@@ -159,6 +159,7 @@ def test_files_and_grounds_lie_beside_it(gl, tmp_path):
         ('"plane_and_box"', '"nowhere.glb"', "nowhere.glb"),
         ("cascade_count = 2", "cascade_count = 9", "[base]: cascade_count must be 1 to 8"),
         ('sun = "diagonal"', 'sun = "blue"', "'box corner': --sun must be one of"),
+        ("[base]", '["cases"."box corner"]\nscene = "stairs"\n[base]', "called 'box corner'"),
         ('sun = "diagonal"', 'ground = "x"', "[cases.box] ground must be a number (got 'x')"),
     ],
 )

@@ -3,6 +3,8 @@
 import csv
 import gc
 import json
+import re
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -16,6 +18,7 @@ import xarray
 import csm
 from csm import renderer as renderer_module
 from csm import sweep_runs, sweep_worker, sweeps, truth_cache
+from csm.sweep_command import read_sweep
 from csm.sweep_journal import Journal, blank_record
 
 SIZE = (48, 32)
@@ -477,3 +480,46 @@ def test_tasks_are_cut_in_order():
     jobs = list(range(2 * sweep_runs.GROUP + 1))
     assert [len(group) for group in sweep_runs.groups(jobs)] == [8, 8, 1]
     assert [job for group in sweep_runs.groups(jobs) for job in group] == jobs
+
+
+# --------------------------------------------------------------------------------------- the manual
+
+MANUAL = Path(__file__).resolve().parents[1] / "docs" / "sweeps.md"
+
+
+def manual(language):
+    return re.findall(rf"^```{language}\n(.*?)^```", MANUAL.read_text(), re.M | re.S)
+
+
+def test_the_example_of_the_manual_runs(gl, tmp_path, monkeypatch, capsys):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setattr("csm.timing.MOST", 5)  # on a busy machine it may take all fifty
+    example = {}
+    exec(manual("python")[0], example)
+    found = example["found"]
+    assert (found.status == "ok").all()
+    assert found.error_total.dims == ("case", "map_size", "filter")
+    printed = capsys.readouterr().out
+    assert printed.strip().endswith("ms")
+    for value in found.error_total.sel(case="street").values.ravel():
+        assert f"{value:.6f}" in printed
+    assert {path.name for path in Path("results").iterdir()} == {
+        "journal.jsonl", "truth", "sweep.nc", "points.csv"
+    }  # fmt: skip
+
+
+def test_the_manual_names_every_variable_and_the_file_is_one(swept, tmp_path):
+    found, _ = swept
+    named = set(re.findall(r"`([a-z_…<>\d]+)`", MANUAL.read_text()))
+    for name in found:
+        family = re.sub(r"^error_.*", "error_<cause>", name)
+        if family.startswith("ms_") and family != "ms_total":
+            family = "ms_…" + family[-3:] if family[-3:] in ("_q1", "_q3") else "ms_<pass>"
+        assert family in named, name
+    (tmp_path / "sweep.toml").write_text(manual("toml")[0])
+    arguments = read_sweep(tmp_path / "sweep.toml")
+    assert list(arguments["cases"]) == ["street street", "street roofs"]
+    assert sweeps.cases_of(arguments["cases"], arguments["size"])
+    assert [axis.labels for axis in sweeps.axes_of(arguments["axes"])] == [
+        (256, 512), ("sharp", "soft")
+    ]  # fmt: skip
