@@ -35,6 +35,10 @@ VALUES = {
     "bytes": (np.float64, "bytes", "textures and buffers of a frame that makes the mask alone"),
     "bytes_maps": (np.float64, "bytes", "of those, shadow maps, moments and what makes them"),
 }
+SPECIAL = {
+    "total": "all passes but readback",
+    "host": "the call outside of all passes: placing cascades, submitting, Python's own",
+}
 QUARTILES = (("", "median"), ("_q1", "first quartile"), ("_q3", "third quartile"))
 
 
@@ -73,7 +77,7 @@ def dataset_of(cases, axes, records, *, causes, attributes):
     for name, (dtype, units, text) in VALUES.items():
         fill(name, _value(name), dtype, units=units, long_name=text)
     for name in passes:
-        what = "all passes but readback" if name == "total" else f"pass {name}, all cascades"
+        what = SPECIAL.get(name, f"pass {name}, all cascades")
         for place, (ending, statistic) in enumerate(QUARTILES):
             text = f"{statistic} of the time of {what}"
             fill(f"ms_{name}{ending}", _ms(name, place), np.float64, units="ms", long_name=text)

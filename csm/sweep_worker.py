@@ -12,6 +12,7 @@ import pickle
 import platform
 import socket
 import threading
+import time
 from dataclasses import dataclass, field
 
 from .arguments import find_scene
@@ -21,7 +22,7 @@ from .metrics import compare
 from .plans import plan
 from .renderer import Renderer
 from .sweep_journal import FAILED, OK, blank_record
-from .timing import in_turns, quartiles, total_ms
+from .timing import HOST, in_turns, quartiles, total_ms
 from .truth_cache import truth_arrays, truth_from_arrays
 
 __all__ = ["MASK_CAUSES", "Job", "Load", "Options", "measure", "packed", "release", "run_task"]
@@ -113,11 +114,13 @@ def measure(renderer, truth, jobs, options, *, stopped=lambda: False):
 
     def frame_times(job):
         renderer.forget()
+        start = time.perf_counter()
         frame = renderer.render(
             truth.scene, truth.camera, truth.sun, job.settings, outputs=TIMED_OUTPUTS
         )
+        whole = 1e3 * (time.perf_counter() - start)
         judged[job.key]["info"] = frame.info
-        return frame.timings_ms
+        return {**frame.timings_ms, HOST: max(0.0, whole - sum(frame.timings_ms.values()))}
 
     left = [job for job in jobs if job.key in judged]
     for job, samples in in_turns(left, frame_times, repeats=options.repeats, stopped=stopped):

@@ -106,10 +106,11 @@ def sweep(
     dataset : xarray.Dataset
         Dimensions ``case`` and one for each axis, in the order given. Variables: ``error_<cause>``
         (mean absolute), ``disagreement``, ``beyond_range``, ``judged_count``; ``ms_total``, the
-        passes without ``readback``, and ``ms_<pass>``, the cascades of a pass added up, 0 where
-        settings have no such pass: medians, with quartiles in ``…_q1`` and ``…_q3``; ``frames``,
-        how many were timed; ``bytes`` of a frame and ``bytes_maps``, its maps and what makes them;
-        ``status``, ``message``, ``key``. Units and provenance in the attributes.
+        passes without ``readback``, ``ms_<pass>``, the cascades of a pass added up, 0 where
+        settings have no such pass, and ``ms_host``, what the call took beside: medians, with
+        quartiles in ``…_q1`` and ``…_q3``; ``frames``, how many were timed; ``bytes`` of a frame
+        and ``bytes_maps``, its maps and what makes them; ``status``, ``message``, ``key``. Units
+        and provenance in the attributes.
 
     Raises
     ------

@@ -11,12 +11,23 @@ import re
 
 import numpy as np
 
-__all__ = ["LEAST", "MOST", "SPREAD", "by_pass", "in_turns", "is_settled", "quartiles", "total_ms"]
+__all__ = [
+    "HOST",
+    "LEAST",
+    "MOST",
+    "SPREAD",
+    "by_pass",
+    "in_turns",
+    "is_settled",
+    "quartiles",
+    "total_ms",
+]
 
 LEAST = 5  # frames that count, at least
 MOST = 50  # and at most
 SPREAD = 0.10  # quartiles lie within this share of the median
-NOT_COUNTED = ("readback",)  # passes that a game would not have
+HOST = "host"  # of the call, what lies outside of all passes
+NOT_COUNTED = ("readback", HOST)  # the measurement's own, and what an engine does otherwise
 
 
 def by_pass(timings_ms):
@@ -40,7 +51,7 @@ def by_pass(timings_ms):
 
 
 def total_ms(passes):
-    """Sum of the passes of a frame without `readback`, which is the measurement's own [ms]."""
+    """Sum of the passes of a frame [ms], without ``readback`` and ``host``."""
     return math.fsum(value for name, value in passes.items() if name not in NOT_COUNTED)
 
 

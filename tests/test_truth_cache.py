@@ -127,6 +127,17 @@ def test_arrays_go_to_another_process(scene, camera):
     assert equal(truth_from_arrays(truth_arrays(one), scene, camera, SUN), one)
 
 
+def test_a_cut_out_is_part_of_the_scene():
+    corners, triangles = [[0, 0, 0], [1, 0, 0], [0, 1, 0]], [[0, 1, 2]]
+    uv = [[0, 0], [1, 0], [0, 1]]
+    alphas = [None, np.zeros((2, 2), np.uint8), np.full((2, 2), 255, np.uint8)]
+    scenes = [
+        csm.Scene([csm.Mesh(corners, triangles, uv=None if a is None else uv, alpha=a)])
+        for a in alphas
+    ]
+    assert len({digests.scene_digest(one) for one in scenes}) == 3
+
+
 # -------------------------------------------------------------------------------------- digests
 
 
