@@ -3,6 +3,7 @@
 import json
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from .arguments import find_camera, find_scene, find_sun
 from .camera import Camera, checked_size
 from .digests import scene_digest
 from .scene import Scene
+from .scenes import SCENES
 from .sun import Sun
 
 __all__ = ["Case", "camera_from_text", "camera_text", "cases_of", "sun_from_text", "sun_text"]
@@ -81,9 +83,10 @@ def _case(name, case, size, loaded, digests):
     if isinstance(scene, (tuple, list)) and len(scene) == 2:
         scene, ground = scene
     if isinstance(scene, str):
-        source = scene
+        # Another process, or a table read later, may stand in another folder.
+        source = scene if scene in SCENES else str(Path(scene).absolute())
         if (source, ground) not in loaded:
-            loaded[source, ground] = find_scene(source, ground)
+            loaded[source, ground] = find_scene(scene, ground)
         scene = loaded[source, ground]
     if not isinstance(scene, Scene):
         raise TypeError(

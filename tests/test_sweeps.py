@@ -166,6 +166,34 @@ def test_sizes_per_cascade_are_texts_on_their_axis(gl):
     assert (found.status == "ok").all()
 
 
+@pytest.mark.parametrize(
+    ("axes", "kinds"),
+    [
+        ({"rotated": [True, False], "lam": [1, 0.5, 0]}, "bf"),
+        ({"map_size": np.array([64, 32]), "manual_depth_range": [()]}, "iO"),
+    ],
+)
+def test_axes_of_every_kind_come_back_from_disk(gl, tmp_path, axes, kinds):
+    found = csm.sweep({"box": BOX}, axes, base=small(), out=tmp_path, **QUICK)
+    assert found.identical(xarray.load_dataset(tmp_path / "sweep.nc"))
+    assert "".join(found[name].dtype.kind for name in axes) == kinds
+    assert (found.status == "ok").all()
+    for number in range(found.status.size):
+        now, stored = csm.repeat_point(tmp_path / "points.csv", number)
+        assert now["error_total"] == stored["error_total"]
+
+
+def test_a_file_is_found_from_another_folder(gl, tmp_path, monkeypatch):
+    np.savez(tmp_path / "dem.npz", elevation=np.random.default_rng(1).random((9, 9)), cell=1.0,
+             easting0=0.0, northing0=0.0)  # fmt: skip
+    monkeypatch.chdir(tmp_path)
+    case = ("dem.npz", "eye=4,3,9,target=4,0,-4", "150,20")
+    csm.sweep({"dem": case}, {"map_size": [64]}, base=small(), out="out", **QUICK)
+    monkeypatch.chdir("/")
+    now, stored = csm.repeat_point(tmp_path / "out" / "points.csv", 0)
+    assert now["error_total"] == stored["error_total"] > 0
+
+
 # ------------------------------------------------------------------------------------ what fails
 
 
