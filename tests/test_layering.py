@@ -177,12 +177,13 @@ def test_two_shaders_choose_the_filter():
 ORDER = [
     "errors", "spaces", "camera", "sun", "cutouts", "mesh", "instances", "elevation", "scene",
     "shapes", "plants", "streets", "landscapes", "scenes", "gltf", "materials", "animation",
-    "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "stages", "renderer",
-    "embree", "disc", "tracing", "metrics", "checks", "check_files", "progress", "arguments", "digests",
-    "timing", "truth_cache", "sweep_points", "sweep_cases", "sweep_journal", "sweep_worker",
-    "sweep_runs", "sweep_tables", "sweep_provenance", "sweeps", "reports", "recommendation",
-    "director", "export", "pictures", "outlines", "plot_style", "plot_windows", "plot_frames",
-    "plot", "results", "hard_cases", "pytest_plugin", "viewer", "sweep_command", "cli", "__main__",
+    "loading", "settings", "splits", "matrices", "cascades", "plans", "frame", "stages",
+    "renderer", "embree", "disc", "tracing", "metrics", "checks", "check_files", "progress",
+    "arguments", "digests", "timing", "truth_cache", "sweep_points", "sweep_cases",
+    "sweep_journal", "sweep_worker", "sweep_runs", "sweep_tables", "sweep_provenance", "sweeps",
+    "reports", "recommendation", "director", "export", "pictures", "outlines", "plot_style",
+    "plot_windows", "plot_frames", "plot", "results", "hard_cases", "pytest_plugin", "viewer",
+    "sweep_command", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {"embree", "disc", "tracing", "metrics", "checks", "check_files"}  # others' pictures too
 LAZY = {
