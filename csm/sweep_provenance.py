@@ -62,6 +62,7 @@ def provenance(cases, axes, base, records, protocol, measured_by):
         "clock": _each({record["clock"] for record in found if record["clock"]}),
         "backend": protocol["backend"],
         "stage": protocol["stage"],
+        "stage_used": _each({record["driver"]["stage"] for record in found}),
         "measured_by": measured_by,
         "timing": (
             "medians and quartiles over frames that count; a frame that does not count goes before "

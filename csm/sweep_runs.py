@@ -6,6 +6,7 @@ again, point by point and one at a time, so that the blame falls on the point th
 
 import concurrent.futures
 import contextlib
+import dataclasses
 import multiprocessing
 import os
 import pickle
@@ -19,7 +20,7 @@ from pathlib import Path
 
 from .renderer import Renderer
 from .sweep_journal import LOST, blank_record
-from .sweep_worker import measure, packed, release, run_task
+from .sweep_worker import measure, packed, release, run_task, stage_of
 
 __all__ = ["DaskWorkers", "PoolWorkers", "run_here", "run_on"]
 
@@ -80,6 +81,8 @@ def run_on(workers, work, options, land):
         try:
             for case, truth, jobs in work:
                 load = packed(case, truth)
+                if options.stage == "auto":  # measured: workers might choose apart
+                    options = dataclasses.replace(options, stage=workers.ask(stage_of, options))
                 for group in groups(jobs):
                     collect(workers.width)
                     pending[workers.submit(load, group, options)] = (load, group)
@@ -139,6 +142,10 @@ class PoolWorkers:
             self._pool = self._new_pool()
             return self._pool.submit(*task)
 
+    def ask(self, function, *arguments):
+        """Have one worker answer."""
+        return self._pool.submit(function, *arguments).result()
+
     @staticmethod
     def wait(futures):
         """Wait for the first of the tasks, return those that are done."""
@@ -182,6 +189,10 @@ class DaskWorkers:
         if case is None or case.status != "finished":
             case = self._cases[load] = self._client.scatter(load, hash=False)
         return self._client.submit(run_task, case, jobs, options, pure=False)
+
+    def ask(self, function, *arguments):
+        """Have one worker answer."""
+        return self._client.submit(function, *arguments, pure=False).result()
 
     def wait(self, futures):
         """Wait for the first of the tasks, return those that are done."""

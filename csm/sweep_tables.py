@@ -182,6 +182,7 @@ def rows_of(cases, axes, points, records, *, protocol):
             row |= protocol | {"causes": " ".join(protocol["causes"])}
             row |= {name: record[name] for name in ("clock", "host", "machine", "finished", "key")}
             row |= {name: record["driver"].get(name, "") for name in ("renderer", "version")}
+            row["stage_used"] = record["driver"].get("stage", "")
             rows.append({name: "" if v is None else setting_text(v) for name, v in row.items()})
     return rows
 

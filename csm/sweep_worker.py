@@ -25,7 +25,17 @@ from .sweep_journal import FAILED, OK, blank_record
 from .timing import HOST, in_turns, quartiles, total_ms
 from .truth_cache import truth_arrays, truth_from_arrays
 
-__all__ = ["MASK_CAUSES", "Job", "Load", "Options", "measure", "packed", "release", "run_task"]
+__all__ = [
+    "MASK_CAUSES",
+    "Job",
+    "Load",
+    "Options",
+    "measure",
+    "packed",
+    "release",
+    "run_task",
+    "stage_of",
+]
 
 #: Causes that two masks tell, without further rays.
 MASK_CAUSES = ("total", "false_light", "false_shadow")
@@ -164,7 +174,7 @@ def _summed(samples):
 
 def _record(job, status, renderer, *, message="", found=None, ms=None, frames=0):
     info = renderer.info if found is None else found.pop("info")
-    driver = ("backend", "platform", "vendor", "renderer", "version")
+    driver = ("backend", "platform", "vendor", "renderer", "version", "stage")
     return blank_record(job.key, status, message) | {
         "values": found,
         "ms": ms,
@@ -215,6 +225,12 @@ def run_task(load, jobs, options, stopped=lambda: False):
     with _lock:
         truth = _truth_of(load)
         return list(measure(_renderer_of(options), truth, jobs, options, stopped=stopped))
+
+
+def stage_of(options):
+    """Return the stage that this process takes for `options`: one for all workers of a sweep."""
+    with _lock:
+        return _renderer_of(options).info["stage"]
 
 
 def release():

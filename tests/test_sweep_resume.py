@@ -202,6 +202,7 @@ def test_in_processes_it_is_the_same(tmp_path):
     assert os.getpid() not in workers
     assert len(workers) <= 2
     assert there.attrs["measured_by"] == "2 processes at once"
+    assert there.attrs["stage_used"] in ("compute", "fragment"), "the same for all workers"
     assert_gone(workers)
 
 
@@ -225,6 +226,7 @@ def test_on_dask_it_is_the_same(client, tmp_path):
     there = sweep_small(client=client, out=tmp_path)
     assert without_times(there).identical(without_times(here))
     assert there.attrs["measured_by"] == "workers of Dask, 2 at once"
+    assert there.attrs["stage_used"] in ("compute", "fragment"), "the same for all workers"
     lines = [json.loads(line) for line in (tmp_path / "journal.jsonl").read_text().splitlines()]
     assert len({line["process"] for line in lines}) == 2
     assert os.getpid() not in {line["process"] for line in lines}

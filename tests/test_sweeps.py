@@ -132,6 +132,7 @@ def test_units_and_provenance(swept):
         assert renderer.info["renderer"] in attrs["driver"]
         assert attrs["driver"].startswith(renderer.info["backend"])
     assert attrs["clock"]
+    assert attrs["stage_used"] in ("compute", "fragment")
     assert attrs["stage"] == "auto"
     assert attrs["repeats"] == "1"
     assert json.loads(attrs["base"]) == csm.ShadowSettings().to_dict()
@@ -139,6 +140,15 @@ def test_units_and_provenance(swept):
     assert cases["box"]["camera"]["size"] == list(SIZE)
     assert cases["box"]["scene"] == "plane_and_box"
     assert attrs["causes"].split() == ["total", "false_light", "false_shadow"]
+
+
+def test_both_stages_give_the_same_errors(gl):
+    compute, fragment = (
+        csm.sweep({"box": BOX}, AXES, stage=stage, **QUICK) for stage in ("compute", "fragment")
+    )
+    assert fragment.attrs["stage_used"] == "fragment"
+    same = [name for name in compute if name.startswith("error_")]
+    assert compute[same].drop_attrs().identical(fragment[same].drop_attrs())
 
 
 def test_causes_are_those_asked_for(gl):
