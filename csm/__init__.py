@@ -16,6 +16,7 @@ from .renderer import Renderer, backends
 from .scene import Camera, Mesh, Scene, Sun
 from .settings import ShadowSettings
 from .splits import split_distances
+from .sweeps import repeat_point, sweep
 from .tracing import Truth, truth
 
 __version__ = _metadata.version("cascaded-shadow-maps")
@@ -53,8 +54,10 @@ __all__ = [
     "plan",
     "plot",
     "read_check",
+    "repeat_point",
     "scenes",
     "split_distances",
+    "sweep",
     "truth",
     "write_check",
 ]

@@ -10,8 +10,9 @@ from functools import cached_property
 
 import numpy as np
 
-from .footprints import footprint_of
+from .footprints import half_widths, pixel_lots, taps_of
 from .sampling import undersampling
+from .tracing import truth
 
 __all__ = ["CAUSES", "Stages"]
 
@@ -21,6 +22,8 @@ CAUSES = (
     "too_bright", "too_dark", "perspective_aliasing", "projection_aliasing", "phase_aliasing",
 )  # fmt: skip
 
+FARTHEST_REACH = 4  # texels on each side whose occluders are asked for: 81 rays a pixel
+SOFT_RAYS = 64  # a pixel, where soft shadows are judged by the truth of a point sun
 FARTHEST_TEXELS = 1e6  # of a tangent plane nearly edge-on to the light: beyond, nothing is said
 
 
@@ -72,45 +75,52 @@ class Stages:
 
     @cached_property
     def filtered(self):
-        """V2: (h, w) float64, 0 where not judged."""
+        """V2: (h, w) float64, 0 where not judged.
+
+        Soft shadows mean to average the sun's disc, not texels: theirs is the soft truth.
+        """
         if self.settings.filter == "hard":
             return self.at_texel_centres
+        if self.settings.filter == "pcss":
+            return np.where(self.judged, self._soft_truth(), 0.0)
         return self._spread(self._filtered)
+
+    def _soft_truth(self):
+        exact = self.truth
+        if exact.rays_per_pixel == 1 and exact.sun.angular_diameter_deg > 0.0:
+            exact = truth(exact.scene, exact.camera, exact.sun, rays_per_pixel=SOFT_RAYS)
+        return np.asarray(exact.mask, np.float64)
 
     def _filtered(self, cascade, pixels):
         surface = _Surface(self, cascade, pixels)
         whole = np.floor(surface.texels)
-        half_width = self._half_widths(cascade, pixels)
-        footprint = footprint_of(self.settings, surface.texels - whole, half_width)
-        if footprint is None:
-            raise ValueError(
-                f"the footprint of filter={self.settings.filter!r} is not known: causes after "
-                "aliasing cannot be told apart"
-            )
-        seen = _Lattice(surface, whole.astype(np.int64), footprint.offsets)
+        taps = taps_of(
+            self.settings,
+            surface.texels - whole,
+            self._half_widths(cascade, pixels),
+            pixel_lots(self.judged.shape).ravel()[pixels],
+        )
+        reach = max(int(np.abs(offset).max()) for offset, _ in taps)
+        seen = _Lattice(surface, whole.astype(np.int64), reach, taps)
         mean = np.zeros(len(pixels))
-        for i, du in enumerate(footprint.offsets):
-            for j, dv in enumerate(footprint.offsets):
-                weight = footprint.across[:, i] * footprint.along[:, j]
-                mean += np.where(weight > 0.0, weight * seen.visibility(du, dv), 0.0)
+        for offset, weight in taps:
+            mean += weight * seen.visibility(offset)
         return mean
 
     def _half_widths(self, cascade, pixels):
-        """Half width of the kernel [texels]: a number, or one for each pixel."""
-        half = 0.5 * self.settings.filter_size
-        largest = self.frame.cascades.texel_size.max(axis=1)
-        if self.settings.kernel == "world":
-            return max(half * min(largest[0] / largest[cascade], 1.0), 0.5)
-        if self.settings.kernel == "screen":
-            camera = self.frame.camera
-            depth = 1.0 if camera.orthographic else self._view_depth(pixels)
-            pixel = 2.0 * camera.half_height / camera.size[1] * depth
-            return np.clip(half * pixel / largest[cascade], 0.5, half)
-        return half
+        camera = self.truth.camera
+        depth = (self._of("position", pixels) - camera.eye) @ -camera.backward
+        return half_widths(self, cascade, depth)
 
-    def _view_depth(self, pixels):
-        camera = self.frame.camera
-        return (self._of("position", pixels) - camera.eye) @ -camera.backward
+    @property
+    def cascades(self):
+        """Those of the frame."""
+        return self.frame.cascades
+
+    @property
+    def camera(self):
+        """That of the frame."""
+        return self.frame.camera
 
     def near_occluder(self, wanted):
         """Whether an occluder lies within the applied bias of a texel that the filter averages.
@@ -141,7 +151,7 @@ class Stages:
         """Texels around the point's own whose occluders may be meant."""
         if self.settings.filter == "hard":
             return 0
-        return int(np.ceil(np.max(self._half_widths(cascade, pixels))))
+        return min(int(np.ceil(self._half_widths(cascade, pixels).max())), FARTHEST_REACH)
 
     def _bias(self, surface, cascade, pixels):
         """Bias that was applied at each pixel, along the light [m]."""
@@ -193,27 +203,28 @@ class _Lattice:
     Each is traced once for a plane: neighbours on one plane average nearly the same texels.
     """
 
-    def __init__(self, surface, whole, offsets):
-        self._reach = int(np.abs(offsets).max())
+    def __init__(self, surface, whole, reach, taps):
         plane, first = _planes(surface)
-        low = whole.min(axis=0) - self._reach
-        self._sides = whole.max(axis=0) + self._reach + 1 - low
-        self._keys = self._key(plane, whole - low)
-        wanted = np.unique(self._keys)
-        for axis in (1, self._sides[1]):
-            wanted = np.unique(wanted[:, None] + offsets[None, :] * axis)
+        low = whole.min(axis=0) - reach
+        self._sides = whole.max(axis=0) + reach + 1 - low
+        self._keys = (plane * self._sides[0] + whole[:, 0] - low[0]) * self._sides[1]
+        self._keys += whole[:, 1] - low[1]
+        wanted = np.empty(0, np.int64)
+        for offset, weight in taps:
+            wanted = np.union1d(wanted, self._key(offset)[weight > 0.0])
         rest, v = np.divmod(wanted, self._sides[1])
         of, u = np.divmod(rest, self._sides[0])
         self._wanted = wanted
         centres = np.column_stack([u, v]) + low + 0.5
         self._seen = surface.visibility(centres, first[of])
 
-    def _key(self, plane, place):
-        return (plane * self._sides[0] + place[:, 0]) * self._sides[1] + place[:, 1]
+    def _key(self, offset):
+        return self._keys + offset[:, 0] * self._sides[1] + offset[:, 1]
 
-    def visibility(self, du, dv):
-        """(m,) at the texel (du, dv) from the one that holds each point."""
-        return self._seen[np.searchsorted(self._wanted, self._keys + du * self._sides[1] + dv)]
+    def visibility(self, offset):
+        """(m,) at the texels (m, 2) from those that hold the points; anything where not asked."""
+        place = np.searchsorted(self._wanted, self._key(offset))
+        return self._seen[np.minimum(place, len(self._seen) - 1)]
 
 
 def _planes(surface):

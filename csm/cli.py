@@ -34,6 +34,7 @@ from .results import (
     write_results,
 )
 from .scenes import SCENES
+from .sweep_command import SWEEP_EXAMPLES, SWEEP_HELP, add_sweep_options, run_sweep
 from .tracing import truth
 
 __all__ = ["main"]
@@ -156,6 +157,15 @@ def _parser():
     check.add_argument("file", metavar="FILE.json", help="cameras, matrices, splits, map sizes")
     check.add_argument("--quiet", action="store_true", help="no table on stdout")
     check.set_defaults(run=_check)
+    sweeping = commands.add_parser(
+        "sweep",
+        help="error, time and memory of many settings, as a file says; resumed after a kill",
+        description=SWEEP_HELP,
+        epilog=SWEEP_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_sweep_options(sweeping)
+    sweeping.set_defaults(run=run_sweep)
     cases = commands.add_parser(
         "hard-cases",
         help="run the tests of what is easy to get wrong; a table and a page of their figures",
