@@ -209,22 +209,40 @@ class _Lattice:
         self._sides = whole.max(axis=0) + reach + 1 - low
         self._keys = (plane * self._sides[0] + whole[:, 0] - low[0]) * self._sides[1]
         self._keys += whole[:, 1] - low[1]
-        wanted = np.empty(0, np.int64)
-        for offset, weight in taps:
-            wanted = np.union1d(wanted, self._key(offset)[weight > 0.0])
+        self._keys, self._back = np.unique(self._keys, return_inverse=True)
+        wanted = _distinct(np.concatenate([self._asked(*tap) for tap in taps]))
         rest, v = np.divmod(wanted, self._sides[1])
         of, u = np.divmod(rest, self._sides[0])
         self._wanted = wanted
         centres = np.column_stack([u, v]) + low + 0.5
         self._seen = surface.visibility(centres, first[of])
 
-    def _key(self, offset):
-        return self._keys + offset[:, 0] * self._sides[1] + offset[:, 1]
+    def _steps(self, offset):
+        return offset[:, 0] * self._sides[1] + offset[:, 1]
+
+    def _asked(self, offset, weight):
+        """Texels that a tap looks at; one offset for all points is asked for once a texel."""
+        steps = self._steps(offset)
+        if (steps == steps[0]).all():
+            return self._keys + steps[0]
+        return _distinct((self._keys[self._back] + steps)[weight > 0.0])
 
     def visibility(self, offset):
         """(m,) at the texels (m, 2) from those that hold the points; anything where not asked."""
-        place = np.searchsorted(self._wanted, self._key(offset))
+        steps = self._steps(offset)
+        if (steps == steps[0]).all():
+            return self._at(self._keys + steps[0])[self._back]
+        return self._at(self._keys[self._back] + steps)
+
+    def _at(self, keys):
+        place = np.searchsorted(self._wanted, keys)
         return self._seen[np.minimum(place, len(self._seen) - 1)]
+
+
+def _distinct(keys):
+    """Sorted, each once: by sorting, which is several times faster here than numpy's hashing."""
+    keys = np.sort(keys)
+    return keys[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(keys) else keys
 
 
 def _planes(surface):
