@@ -10,11 +10,13 @@ from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, Shad
 from .frame import Frame, Visibility
 from .loading import load, load_elevation
 from .metrics import ErrorReport, compare
+from .motion import FlickerReport, flicker
 from .plans import Plan, plan
 from .renderer import Renderer, backends
 from .scene import Camera, Mesh, Scene, Sun
 from .settings import ShadowSettings
 from .splits import split_distances
+from .sweeps import repeat_point, sweep
 from .tracing import Truth, truth
 
 __version__ = _metadata.version("cascaded-shadow-maps")
@@ -27,6 +29,7 @@ __all__ = [
     "ContextError",
     "CsmError",
     "ErrorReport",
+    "FlickerReport",
     "Frame",
     "GLError",
     "GLWarning",
@@ -45,13 +48,16 @@ __all__ = [
     "check_cascades",
     "compare",
     "fit_cascades",
+    "flicker",
     "load",
     "load_elevation",
     "plan",
     "plot",
     "read_check",
+    "repeat_point",
     "scenes",
     "split_distances",
+    "sweep",
     "truth",
     "write_check",
 ]

@@ -26,6 +26,7 @@ from .metrics import compare, edge_yardstick
 from .progress import Progress
 from .renderer import Renderer, backends
 from .results import (
+    BY_SIGN,
     LANDSCAPE,
     check_folder,
     summarise,
@@ -33,6 +34,7 @@ from .results import (
     write_results,
 )
 from .scenes import SCENES
+from .sweep_command import SWEEP_EXAMPLES, SWEEP_HELP, add_sweep_options, run_sweep
 from .tracing import truth
 
 __all__ = ["main"]
@@ -155,6 +157,15 @@ def _parser():
     check.add_argument("file", metavar="FILE.json", help="cameras, matrices, splits, map sizes")
     check.add_argument("--quiet", action="store_true", help="no table on stdout")
     check.set_defaults(run=_check)
+    sweeping = commands.add_parser(
+        "sweep",
+        help="error, time and memory of many settings, as a file says; resumed after a kill",
+        description=SWEEP_HELP,
+        epilog=SWEEP_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_sweep_options(sweeping)
+    sweeping.set_defaults(run=run_sweep)
     cases = commands.add_parser(
         "hard-cases",
         help="run the tests of what is easy to get wrong; a table and a page of their figures",
@@ -219,6 +230,11 @@ def _add_render_options(render):
         help="with --truth: rays per pixel over the sun's disc (default 1: a point sun)",
     )
     add(
+        "--causes",
+        action="store_true",
+        help="with --truth: tell errors apart by cause; a ray per pixel and texel of the kernel",
+    )
+    add(
         "--sun-diameter",
         metavar="DEG",
         type=float,
@@ -252,6 +268,8 @@ def _render(options):
     settings = parse_settings(options.changes)
     if options.rays is not None and not options.truth:
         raise ValueError("--rays needs --truth")
+    if options.causes and not options.truth:
+        raise ValueError("--causes needs --truth")
     rays = 1 if options.rays is None else parse_rays(options.rays)
     folder = parse_folder(options.out)
     check_folder(folder)
@@ -266,16 +284,25 @@ def _render(options):
         _timed(progress, seconds, "render", "rendering"),
         Renderer(backend=options.backend) as renderer,
     ):
-        frame = renderer.render(scene, camera, sun, settings, outputs=OUTPUTS)
+        outputs = (*OUTPUTS, "mask_single") if options.causes else OUTPUTS
+        frame = renderer.render(scene, camera, sun, settings, outputs=outputs)
     if options.truth:
         with _timed(progress, seconds, "truth", "tracing the truth") as advance:
             traced = truth(scene, camera, sun, rays_per_pixel=rays, progress=advance)
         report = compare(frame, traced)
         judged = report, edge_yardstick(frame, traced)
     names = (camera_name, sun_name)
-    summary = summarise(
-        scene, frame, names=names, version=__version__, seconds=seconds, truth=traced, judged=judged
-    )
+    with progress.stage("judging"):
+        summary = summarise(
+            scene,
+            frame,
+            names=names,
+            version=__version__,
+            seconds=seconds,
+            truth=traced,
+            judged=judged,
+            causes=None if options.causes else BY_SIGN,
+        )
     terrain = (scene.bounds[1] - scene.bounds[0])[[0, 2]].min() >= LANDSCAPE
     with progress.stage("writing"):
         written = write_results(

@@ -59,6 +59,8 @@ class Frame:
         Geometric normal towards the camera, 0 where not valid; only if asked for.
     point_visibility, point_cascade, point_blend_weight : (m,) float32, uint8, float32
         At the `points` of the render; the weight is that of the next cascade in the visibility.
+    points, point_normals : (m, 3) float64 or None
+        World points [m] that were asked for, and the unit normals that were given for them.
     cascades : Cascades
     camera : Camera
     sun : Sun
@@ -77,8 +79,13 @@ class Frame:
         For an output that was not asked for.
     """
 
-    def __init__(self, arrays, *, cascades, camera, sun, settings, timings_ms, info):
+    def __init__(
+        self, arrays, *, cascades, camera, sun, settings, timings_ms, info,
+        points=None, point_normals=None,
+    ):  # fmt: skip
         self._arrays = arrays
+        self.points = points
+        self.point_normals = point_normals
         self.cascades = cascades
         self.camera = camera
         self.sun = sun

@@ -9,19 +9,28 @@ from functools import cached_property
 
 import numpy as np
 
+from .causes import CAUSES, Stages
+from .sampling import (
+    LIT,
+    NO_CASCADE,
+    EdgeYardstick,
+    edges_to_expect,
+    expected_aliasing,
+    output_of,
+    undersampling,
+)
+
 __all__ = ["EdgeYardstick", "ErrorReport", "compare", "edge_yardstick", "undersampling"]
 
-LIT = 0.5  # a mask of at least this counts as lit
-NO_CASCADE = 255
+ROUNDING = 1e-12  # of sums of weights that make 1
 
-# Every cause of the error budget (docs/numerics.md 15), and what telling it apart needs beside the
-# two masks.
-CAUSES = {
-    "total": None,
+# What telling a cause apart needs beside two masks.
+NEEDS = {
     "aliasing": "exact visibility at the texels' centres",
+    "perspective_aliasing": "exact visibility at the texels' centres",
+    "projection_aliasing": "exact visibility at the texels' centres",
+    "phase_aliasing": "exact visibility at the texels' centres",
     "penumbra": "exact visibility averaged over the filter's taps",
-    "false_light": None,
-    "false_shadow": None,
     "peter_panning": "the occluder's distance against the bias that was applied",
     "light_leak": "the occluder's distance against the bias that was applied",
     "seam": "the mask of the one cascade, without blend or fade",
@@ -29,42 +38,139 @@ CAUSES = {
 
 
 class _ByCause(Mapping):
-    """A value per cause; a cause of the full budget that is not there says what it would need."""
+    """A value per cause, worked out when it is asked for; what is not there says what it needs."""
 
-    def __init__(self, values):
-        self._values = dict(values)
+    def __init__(self, names, value_of):
+        self._names, self._value_of, self._values = tuple(names), value_of, {}
 
     def __getitem__(self, cause):
-        if cause in self._values:
-            return self._values[cause]
-        if cause in CAUSES:
-            raise ValueError(
-                f"the error by {cause!r} needs {CAUSES[cause]}; "
-                f"this report compares masks alone and has {', '.join(self._values)}"
-            )
-        raise KeyError(f"no cause {cause!r}; the causes are {', '.join(CAUSES)}")
+        if cause not in self._names:
+            if cause in NEEDS:
+                raise ValueError(
+                    f"the error by {cause!r} needs {NEEDS[cause]}; "
+                    f"this report compares masks alone and has {', '.join(self._names)}"
+                )
+            raise KeyError(f"no cause {cause!r}; the causes are {', '.join(CAUSES)}")
+        if cause not in self._values:
+            self._values[cause] = self._value_of(cause)
+        return self._values[cause]
 
     def __contains__(self, cause):
-        return cause in self._values
+        return cause in self._names
 
     def __iter__(self):
-        return iter(self._values)
+        return iter(self._names)
 
     def __len__(self):
-        return len(self._values)
+        return len(self._names)
 
     def __repr__(self):
-        return repr(self._values)
+        return f"<by cause: {', '.join(self._names)}>"
+
+
+class _Masks:
+    """Signed errors of two masks alone."""
+
+    names = ("total", "false_light", "false_shadow")
+
+    def __init__(self, mask, reference, judged):
+        self.total = np.where(judged, mask - reference, 0.0)
+
+    def __call__(self, cause):
+        if cause == "total":
+            return self.total
+        bright = cause in ("false_light", "too_bright")
+        return (np.maximum if bright else np.minimum)(self.total, 0.0)
+
+
+class _Budget(_Masks):
+    """Signed errors of a frame by cause; what takes rays is traced when it is asked for."""
+
+    names = CAUSES
+
+    def __init__(self, mask, truth, stages):
+        super().__init__(mask, truth.mask, stages.judged)
+        self.stages = stages
+        self.mask = mask
+
+    def _difference(self, one, other):
+        return np.where(self.stages.judged, one - other, 0.0)
+
+    @cached_property
+    def _single(self):
+        """V3."""
+        frame, settings = self.stages.frame, self.stages.settings
+        if settings.blend == "none" and settings.fade_width == 0.0:
+            return self.mask
+        return _visibilities("frame.mask_single", output_of(frame, "mask_single"))
+
+    def __call__(self, cause):
+        stages, truth = self.stages, self.stages.truth
+        if cause in ("total", "too_bright", "too_dark"):
+            return super().__call__(cause)
+        if cause == "seam":
+            return self._difference(self.mask, self._single)
+        if cause == "penumbra":
+            softened = np.asarray(truth.mask_point, float) - np.asarray(truth.mask, float)
+            return self._difference(stages.filtered - stages.at_texel_centres, -softened)
+        if cause.endswith("aliasing"):
+            aliasing = self._difference(stages.at_texel_centres, truth.mask_point)
+            return aliasing * self._share(cause)
+        rest = self._difference(self._single, stages.filtered)
+        if cause == "false_shadow":
+            return np.minimum(rest, 0.0)
+        near = stages.near_occluder(rest > ROUNDING)
+        return np.where(near == (cause == "peter_panning"), np.maximum(rest, 0.0), 0.0)
+
+    def _share(self, cause):
+        if cause == "aliasing":
+            return 1.0
+        perspective, projection = self.stages.aliasing_shares
+        if cause == "perspective_aliasing":
+            return perspective
+        if cause == "projection_aliasing":
+            return projection
+        return 1.0 - perspective - projection
+
+
+class _Summary:
+    """One number of the absolute values of a cause over the judged pixels."""
+
+    def __init__(self, per_pixel, judged, kind):
+        self.per_pixel, self.judged, self.kind = per_pixel, judged, kind
+
+    def __call__(self, cause):
+        values = np.abs(self.per_pixel[cause][self.judged])
+        if not values.size:
+            return float("nan")
+        return float(SUMMARIES[self.kind](values))
+
+
+SUMMARIES = {
+    "mean": np.mean,
+    "percentile_99": lambda values: np.percentile(values, 99),
+    "largest": np.max,
+    "root_mean_square": lambda values: np.sqrt(np.mean(values**2)),
+}
 
 
 @dataclass(frozen=True, eq=False)
 class ErrorReport:
     """A mask against a reference. Made by `compare`.
 
-    The causes, of two masks and of a Frame and a Truth alike: ``total``, the difference;
-    ``false_light``, its part above 0 (brighter than the truth); ``false_shadow``, its part below 0
-    (darker: acne, but also a shadow edge that reaches too far). They add up: ``total = false_light
-    + false_shadow``.
+    Of two masks alone the causes are ``total``, the difference, ``false_light``, its part above 0
+    (brighter than the truth), and ``false_shadow``, its part below 0, which add up to it.
+
+    Of a Frame and a Truth ``too_bright`` and ``too_dark`` are those parts, and the causes tell why.
+    ``aliasing``: the texel's centre sees something else than the point; its parts by perspective
+    (texels coarser than pixels on a surface that faces the camera), by projection (a surface turned
+    from the light) and by phase (a texel no coarser than a pixel, but elsewhere). ``penumbra``:
+    what the filter's kernel blurs, against a soft truth what it blurs unlike the sun's disc.
+    ``false_shadow``: darker than an exact map under the same filter: acne. ``peter_panning`` and
+    ``light_leak``: brighter than that, with an occluder within the applied bias or without.
+    ``seam``: what blending between cascades and fading change. ``total = aliasing + penumbra +
+    false_shadow + peter_panning + light_leak + seam``, pixel by pixel. Each is traced when it is
+    first asked for: a ray per judged pixel and texel of the filter's kernel.
 
     Attributes
     ----------
@@ -96,29 +202,71 @@ class ErrorReport:
     @cached_property
     def mean(self):
         """Mean of the absolute values, by cause."""
-        return self._summary(lambda values: values.mean())
+        return self._summary("mean")
 
     @cached_property
     def percentile_99(self):
         """99th percentile of the absolute values, by cause."""
-        return self._summary(lambda values: np.percentile(values, 99))
+        return self._summary("percentile_99")
 
     @cached_property
     def largest(self):
         """Largest absolute value, by cause."""
-        return self._summary(lambda values: values.max())
+        return self._summary("largest")
 
     @cached_property
     def root_mean_square(self):
         """Root of the mean square, by cause."""
-        return self._summary(lambda values: np.sqrt(np.mean(values**2)))
+        return self._summary("root_mean_square")
 
-    def to_dict(self):
-        """Return the numbers as nested plain dicts and floats, NaN where nothing was judged."""
+    @property
+    def own_surface(self):
+        """Judged pixels with false shadow whose own texel shows their own triangle: their number.
+
+        Acne in the strict sense: the surface shadows itself.
+
+        Raises
+        ------
+        ValueError
+            If the report compares masks alone.
+        """
+        dark = self.per_pixel["false_shadow"] < -ROUNDING
+        return int(np.count_nonzero(dark & self._stages("own_surface").own_surface))
+
+    @cached_property
+    def expected_aliasing(self):
+        """Mean aliasing that theory expects of texels of this size along the truth's edges.
+
+        See `csm.sampling.expected_aliasing`. A solid that stands on the ground adds to what is
+        measured: near its foot a texel's centre may lie inside it.
+
+        Raises
+        ------
+        ValueError
+            If the report compares masks alone.
+        """
+        stages = self._stages("expected_aliasing")
+        return expected_aliasing(stages.frame, stages.truth, self.judged)
+
+    def _stages(self, name):
+        budget = self.per_pixel._value_of
+        if not isinstance(budget, _Budget):
+            raise ValueError(f"{name} needs a Frame and a Truth; this report compares masks alone")
+        return budget.stages
+
+    def to_dict(self, causes=None):
+        """Return the numbers as nested plain dicts and floats, NaN where nothing was judged.
+
+        Parameters
+        ----------
+        causes : sequence of str, optional
+            Those to work out; all of them by default.
+        """
         by_cause = ("mean", "percentile_99", "largest", "root_mean_square")
+        causes = tuple(self.per_pixel) if causes is None else causes
         return {
             "disagreement": self.disagreement,
-            **{name: dict(getattr(self, name)) for name in by_cause},
+            **{name: {one: getattr(self, name)[one] for one in causes} for name in by_cause},
             "judged_count": self.judged_count,
             "judged_share": self.judged_count / self.judged.size,
             "beyond_range": self.beyond_range,
@@ -142,15 +290,8 @@ class ErrorReport:
     def _share(self, count):
         return count / self.judged_count if self.judged_count else float("nan")
 
-    def _summary(self, reduce):
-        if not self.judged_count:
-            return _ByCause(dict.fromkeys(self.per_pixel, float("nan")))
-        return _ByCause(
-            {
-                cause: float(reduce(np.abs(values[self.judged])))
-                for cause, values in self.per_pixel.items()
-            }
-        )
+    def _summary(self, kind):
+        return _ByCause(self.per_pixel, _Summary(self.per_pixel, self.judged, kind))
 
 
 def compare(frame, truth, *, valid=None):
@@ -199,11 +340,11 @@ def compare(frame, truth, *, valid=None):
             f"valid must be a bool array of shape {mask.shape} "
             f"(got {judged.dtype}, shape {judged.shape})"
         )
-    return _report(mask, truth, judged, beyond_range=0.0)
+    return _report(_Masks(mask, truth, judged), mask, truth, judged, beyond_range=0.0)
 
 
 def _compare_frame(frame, truth):
-    mask = _visibilities("frame.mask", _output(frame, "mask"))
+    mask = _visibilities("frame.mask", output_of(frame, "mask"))
     reference = _visibilities("truth.mask", truth.mask)
     _same_shape(mask, reference)
     for name in ("camera", "sun"):
@@ -214,108 +355,22 @@ def _compare_frame(frame, truth):
                     f"frame and truth must show the same {name} "
                     f"(their {key} is {one[key]} and {other[key]})"
                 )
-    facing = _output(frame, "valid") & truth.valid & truth.facing
-    covered = _output(frame, "cascade_index") != NO_CASCADE
+    facing = output_of(frame, "valid") & truth.valid & truth.facing
+    covered = output_of(frame, "cascade_index") != NO_CASCADE
     if frame.settings.filter == "none":
         covered[...] = True  # the picture without shadows, a baseline: it has no range to be beyond
     facing_count = np.count_nonzero(facing)
     beyond = np.count_nonzero(facing & ~covered)
-    return _report(
-        mask, reference, facing & covered, beyond / facing_count if facing_count else 0.0
-    )
+    judged = facing & covered
+    budget = _Masks(mask, reference, judged)
+    if hasattr(frame, "cascades") and hasattr(truth, "trace") and frame.settings.filter != "none":
+        budget = _Budget(mask, truth, Stages(frame, truth, judged))
+    return _report(budget, mask, reference, judged, beyond / facing_count if facing_count else 0.0)
 
 
-def _report(mask, reference, judged, beyond_range):
-    total = np.where(judged, mask - reference, 0.0)
-    per_pixel = {
-        "total": total,
-        "false_light": np.maximum(total, 0.0),
-        "false_shadow": np.minimum(total, 0.0),
-    }
+def _report(budget, mask, reference, judged, beyond_range):
     wrong_side = judged & ((mask >= LIT) != (reference >= LIT))
-    return ErrorReport(_ByCause(per_pixel), judged, wrong_side, float(beyond_range))
-
-
-def undersampling(frame, truth):
-    """How many pixels a texel of the shadow map covers, at its longest.
-
-    A step of one texel moves the shadow's sample along the surface; m is the largest stretch of
-    that map from texels to pixels (the largest singular value of its Jacobian), at most 1 where
-    the map is as fine as the picture. It grows without bound as the surface turns from the sun.
-    Texels are where `uvz_from_world` puts them, so a skewed light and a warp count as they are.
-
-    Parameters
-    ----------
-    frame : Frame
-        For `cascade_index`, `cascades` and the camera.
-    truth : Truth
-        For position and normal of the surfaces.
-
-    Returns
-    -------
-    m : (h, w) float64
-        Pixels per texel; NaN where no cascade was chosen or the surface does not face the sun.
-    """
-    index = _output(frame, "cascade_index")
-    _same_shape(index, truth.mask)
-    rows, columns = np.nonzero(truth.facing & (index != NO_CASCADE))
-    cascade = index[rows, columns]
-    point, normal = truth.position[rows, columns], truth.normal[rows, columns]
-    camera = truth.camera
-
-    # Gradients of u and v in texels; a step of one texel is what they are dual to in the surface.
-    uvz = np.asarray(frame.cascades.uvz_from_world)[cascade]
-    w = np.einsum("mk,mk->m", uvz[:, 3, :3], point) + uvz[:, 3, 3]
-    uv = (np.einsum("mak,mk->ma", uvz[:, :2, :3], point) + uvz[:, :2, 3]) / w[:, None]
-    gradient = (uvz[:, :2, :3] - uv[..., None] * uvz[:, 3:, :3]) / w[:, None, None]
-    gradient *= np.asarray(frame.cascades.map_size)[cascade][:, None, None]
-    across_v, across_u = (np.cross(gradient[:, k], normal) for k in (1, 0))
-    volume = np.einsum("mk,mk->m", gradient[:, 0], across_v)
-    step = np.stack([across_v, -across_u], axis=1) / volume[:, None, None]
-
-    width, height = camera.size
-    pixels = np.array([0.5 * width / camera.half_width, -0.5 * height / camera.half_height])
-    across = np.stack([camera.right, camera.up])
-    moved = np.einsum("aj,mkj->mak", across, step)
-    if not camera.orthographic:
-        # d(x / z) = (dx - (x / z) dz) / z
-        relative = point - camera.eye
-        depth = relative @ -camera.backward
-        slant = (relative @ across.T) / depth[:, None]
-        moved -= slant[:, :, None] * (step @ -camera.backward)[:, None, :]
-        moved /= depth[:, None, None]
-    jacobian = pixels[:, None] * moved  # (m, 2, 2): d(pixel) / d(texel)
-    m = np.full(index.shape, np.nan)
-    m[rows, columns] = _largest_singular_value(jacobian)
-    return m
-
-
-def _largest_singular_value(matrices):
-    """Return it for (m, 2, 2): a turn and a reflection, each with its own scale, added up."""
-    a, b, c, d = np.moveaxis(matrices.reshape(-1, 4), 1, 0)
-    return 0.5 * (np.hypot(a + d, c - b) + np.hypot(a - d, c + b))
-
-
-@dataclass(frozen=True)
-class EdgeYardstick:
-    """What sampling alone is expected to get wrong along shadow edges.
-
-    Attributes
-    ----------
-    value : float
-        Expected disagreement, a share of the judged pixels; NaN without any.
-    edge_pairs : int
-        Neighbouring judged pixels on different sides of 0.5 in the truth.
-    judged_count : int
-        Below 100 the value means nothing.
-    """
-
-    value: float
-    edge_pairs: int
-    judged_count: int
-
-    def __float__(self):
-        return self.value
+    return ErrorReport(_ByCause(budget.names, budget), judged, wrong_side, float(beyond_range))
 
 
 def edge_yardstick(frame, truth, *, largest=4.0):
@@ -341,29 +396,7 @@ def edge_yardstick(frame, truth, *, largest=4.0):
         With its value: sum over separated pairs of ``(pi/4) min(m, largest) / 4``, divided by the
         judged pixels.
     """
-    judged = compare(frame, truth).judged
-    m = np.minimum(undersampling(frame, truth), largest)
-    lit = truth.mask >= LIT
-    expected, pairs = 0.0, 0
-    for one, other in (
-        (np.s_[:, :-1], np.s_[:, 1:]),
-        (np.s_[:-1, :], np.s_[1:, :]),
-    ):
-        edge = judged[one] & judged[other] & (lit[one] != lit[other])
-        pairs += int(np.count_nonzero(edge))
-        expected += float((0.5 * (m[one] + m[other]))[edge].sum()) * (np.pi / 4.0) / 4.0
-    count = int(np.count_nonzero(judged))
-    return EdgeYardstick(expected / count if count else float("nan"), pairs, count)
-
-
-def _output(frame, name):
-    """Return an output of a frame, or say how to get it."""
-    try:
-        return np.asarray(getattr(frame, name))
-    except AttributeError as error:
-        raise ValueError(
-            f"the frame's {name} is needed: ask for it with outputs ({error})"
-        ) from error
+    return edges_to_expect(frame, truth, compare(frame, truth).judged, largest)
 
 
 def _visibilities(name, value):

@@ -174,8 +174,9 @@ def error_picture(report, picture):
     """
     grey = _brightness(picture)
     grey = np.where(report.judged, 0.45 + 0.5 * grey, 0.15 + 0.5 * grey)[..., None]
-    light = report.per_pixel["false_light"][..., None]
-    shadow = -report.per_pixel["false_shadow"][..., None]
+    total = report.per_pixel["total"][..., None]
+    light = np.maximum(total, 0.0)
+    shadow = np.maximum(-total, 0.0)
     return _to_bytes(grey * (1.0 - light - shadow) + light * FALSE_LIGHT + shadow * FALSE_SHADOW)
 
 

@@ -170,6 +170,15 @@ class Renderer:
         with self._lock:
             self._open_core().reload()
 
+    def forget(self):
+        """Begin a new walk: the calling thread's next frame holds nothing of its last one.
+
+        What a frame holds makes it depend on those before it (see the notes of `render`, and
+        `ShadowSettings` on splits and sizes that are held); after this it depends on its arguments
+        alone.
+        """
+        self._walk.held = None
+
     # -- work --------------------------------------------------------------------------------------
 
     def render(
@@ -275,6 +284,8 @@ class Renderer:
             settings=settings,
             timings_ms=result["lists"]["timings_ms"],
             info=self._frame_info(result, settings, camera, cascades),
+            points=points,
+            point_normals=point_normals,
         )
 
     def visibility(self, points, normals=None):

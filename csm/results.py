@@ -34,6 +34,7 @@ FILES = (
 )
 LANDSCAPE = 1500.0  # a scene of this width [m] is drawn as terrain
 MEGABYTE = 1e6
+BY_SIGN = ("total", "too_bright", "too_dark")  # what takes no more rays
 
 
 def check_folder(folder):
@@ -166,7 +167,9 @@ def _arrays(frame, truth, report):
     return arrays
 
 
-def summarise(scene, frame, *, names=(None, None), version, seconds, truth=None, judged=None):
+def summarise(
+    scene, frame, *, names=(None, None), version, seconds, truth=None, judged=None, causes=BY_SIGN
+):
     """Gather what a run was and what it found, as plain nested dicts.
 
     Parameters
@@ -181,6 +184,8 @@ def summarise(scene, frame, *, names=(None, None), version, seconds, truth=None,
         Wall time of the stages.
     truth : Truth, optional
     judged : (ErrorReport, EdgeYardstick), optional
+    causes : sequence of str or None
+        Causes to work out, None for all that there are.
 
     Returns
     -------
@@ -221,7 +226,7 @@ def summarise(scene, frame, *, names=(None, None), version, seconds, truth=None,
     if truth is not None:
         report, yardstick = judged
         summary["truth"] = {"rays_per_pixel": truth.rays_per_pixel}
-        summary["error"] = report.to_dict() | {
+        summary["error"] = report.to_dict(causes) | {
             "edge_yardstick": yardstick.value,
             "edge_pairs": yardstick.edge_pairs,
         }
@@ -292,8 +297,7 @@ def _error_lines(error):
         ("wrong side of 0.5", error["disagreement"]),
         ("  expected of edges at this resolution", yardstick),
         ("mean absolute error", mean["total"]),
-        ("  false light", mean["false_light"]),
-        ("  false shadow", mean["false_shadow"]),
+        *((f"  {name.replace('_', ' ')}", mean[name]) for name in mean if name != "total"),
         ("sun-facing pixels beyond the range", error["beyond_range"]),
     ]
     head = f"against ray tracing, {error['judged_count']:,} sun-facing pixels judged"

@@ -10,15 +10,16 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .camera import Camera
+from .disc import DiscCount, disc_directions
 from .embree import in_chunks, tree_of
 from .scene import Scene
+from .spaces import as_number
 from .sun import Sun
 
 __all__ = ["Truth", "truth"]
 
 FACING = 1e-5  # n . L above which a surface faces the sun: below, rounding decides
 MAX_RAYS_PER_PIXEL = 1 << 16
-GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 @dataclass(frozen=True, eq=False)
@@ -49,7 +50,9 @@ class Truth:
     scene, camera, sun
         What was traced.
     rays_per_pixel : int
-        As asked for.
+        As asked for; with ``standard_error=`` as many as that took.
+    standard_error : float
+        Of `mask`, where the disc is seen in part; NaN unless it was asked for.
     """
 
     mask: np.ndarray
@@ -63,6 +66,7 @@ class Truth:
     camera: Camera = field(repr=False)
     sun: Sun = field(repr=False)
     rays_per_pixel: int
+    standard_error: float = float("nan")
 
     def trace(self, points, normals=None):
         """Visibility of the point sun from any points of the world.
@@ -87,6 +91,62 @@ class Truth:
         ValueError
             If an array is not (m, 3), not finite, or the two differ in length.
         """
+        visibility, _ = self._towards_sun(points, normals, distances=False)
+        return visibility
+
+    def occluder_distances(self, points, normals=None):
+        """Distance to what first hides the point sun from any points of the world.
+
+        Parameters
+        ----------
+        points, normals : (m, 3) array_like
+            As for `trace`.
+
+        Returns
+        -------
+        distance : (m,) float64
+            Along the ray to the sun [m]; inf where it is seen, 0 where a surface of a given normal
+            does not face it.
+
+        Raises
+        ------
+        ValueError
+            As for `trace`.
+        """
+        return self._towards_sun(points, normals, distances=True)[1]
+
+    def shows_itself(self, points, normals):
+        """Whether the light's first surface along the ray through a point is the point's own.
+
+        What a texel of a shadow map stores there is then the surface that it is compared with.
+
+        Parameters
+        ----------
+        points, normals : (m, 3) array_like
+            Points on surfaces [m] and their unit normals; only those on a triangle can be shown.
+
+        Returns
+        -------
+        own : (m,) bool
+        """
+        points, normals = _points("points", points), _points("normals", normals)
+        tree = tree_of(self.scene)
+        own = np.zeros(len(points), bool)
+        reach = 2.0 * float(np.linalg.norm(np.ptp(tree.bounds, axis=0))) + 1.0
+
+        def work(part, stop):
+            local = points[part] - tree.origin
+            inwards = -normals[part]
+            beneath = tree.query(tree.lifted(local, normals[part]), inwards)
+            down = np.broadcast_to(-self.sun.to_light, local.shape)
+            first = tree.query(local + reach * self.sun.to_light, down)
+            own[part] = (beneath >= 0) & (beneath == first)
+
+        in_chunks(work, len(points))
+        return own
+
+    def _towards_sun(self, points, normals, distances):
+        """Visibility of the point sun (m,), and, where asked for, the occluders' distances (m,)."""
         points = _points("points", points)
         lift_along = np.broadcast_to(self.sun.to_light, points.shape)
         if normals is not None:
@@ -98,18 +158,28 @@ class Truth:
                 )
         tree = tree_of(self.scene)
         visibility = np.zeros(len(points), np.float32)
+        distance = np.zeros(len(points) if distances else 0)
 
         def work(part, stop):
             facing = np.flatnonzero(lift_along[part] @ self.sun.to_light > FACING)
             origins = tree.lifted(points[part][facing] - tree.origin, lift_along[part][facing])
-            hit = tree.query(origins, np.broadcast_to(self.sun.to_light, origins.shape))
+            to_light = np.broadcast_to(self.sun.to_light, origins.shape)
+            hit = tree.query(origins, to_light)
             visibility[part][facing] = hit < 0
+            if distances:
+                far = np.full(len(facing), np.inf)
+                blocked = np.flatnonzero(hit >= 0)
+                met = tree.meet(
+                    hit[blocked], origins[blocked], to_light[blocked], self.sun.to_light
+                )
+                far[blocked] = np.maximum(met[0], 0.0)
+                distance[part][facing] = far
 
         in_chunks(work, len(points))
-        return visibility
+        return visibility, distance
 
 
-def truth(scene, camera, sun, *, rays_per_pixel=1, progress=None):
+def truth(scene, camera, sun, *, rays_per_pixel=1, standard_error=None, progress=None):
     """Trace what every pixel of a camera sees of the sun.
 
     One ray per pixel centre finds the surface; from there one shadow ray goes to the sun's centre
@@ -127,8 +197,13 @@ def truth(scene, camera, sun, *, rays_per_pixel=1, progress=None):
     rays_per_pixel : int
         1: a point sun. More, up to 65536: the share of the disc that is seen; a disc of diameter 0
         is a point whatever the number.
+    standard_error : float, optional
+        Trace patterns of `rays_per_pixel` rays (2 or more), each drawn anew, until the standard
+        error of their mean is at most this: the root mean square over the pixels that see a part of
+        the disc, from the scatter of the patterns. At least two patterns; all pixels get as many.
     progress : callable, optional
-        Called with the share done, 0 to 1, from the calling thread.
+        Called with the share done, 0 to 1, from the calling thread; with `standard_error` anew for
+        every pattern.
 
     Returns
     -------
@@ -139,7 +214,8 @@ def truth(scene, camera, sun, *, rays_per_pixel=1, progress=None):
     ImportError
         If embreex is missing.
     TypeError, ValueError
-        If an argument is of the wrong kind or out of range.
+        If an argument is of the wrong kind or out of range, or the standard error takes more than
+        65536 rays per pixel.
     KeyboardInterrupt
         On Ctrl-C, within a second; only the tree of a new scene is built in one call of Embree,
         half a second per million triangles, that nothing interrupts.
@@ -160,23 +236,64 @@ def truth(scene, camera, sun, *, rays_per_pixel=1, progress=None):
         raise TypeError(f"rays_per_pixel must be an int (got {rays_per_pixel!r})")
     if not 1 <= rays_per_pixel <= MAX_RAYS_PER_PIXEL:
         raise ValueError(f"rays_per_pixel must be 1 to {MAX_RAYS_PER_PIXEL} (got {rays_per_pixel})")
+    if standard_error is not None:
+        standard_error = as_number("standard_error", standard_error, 1e-9, 1.0)
+        if rays_per_pixel < 2:
+            raise ValueError("standard_error needs rays_per_pixel of 2 or more (got 1)")
     soft = rays_per_pixel > 1 and sun.angular_diameter_deg > 0.0
     tree = tree_of(scene)
     width, height = camera.size
     count = width * height
     picture = _Picture.empty(count, soft)
 
+    disc = DiscCount.empty(count if soft else 0, int(rays_per_pixel))
+
     def work(part, stop):
         picture.trace(tree, camera, sun, part)
         if soft:
-            picture.trace_disc(tree, sun, rays_per_pixel, part, stop)
+            picture.trace_disc(tree, sun, disc, part, stop)
 
     in_chunks(work, count, progress)
+    if soft:
+        if standard_error is not None:
+            _converge(picture, tree, sun, disc, standard_error, progress)
+        picture.mask[:] = picture.mask_point
+        picture.mask[picture.facing] = disc.share[picture.facing]
     shaped = {
         name: array.reshape(height, width, *array.shape[1:])
         for name, array in vars(picture).items()
     }
-    return Truth(**shaped, scene=scene, camera=camera, sun=sun, rays_per_pixel=int(rays_per_pixel))
+    return Truth(
+        **shaped,
+        scene=scene,
+        camera=camera,
+        sun=sun,
+        rays_per_pixel=disc.rays * disc.patterns if soft else int(rays_per_pixel),
+        standard_error=_reached(soft, disc, standard_error),
+    )
+
+
+def _converge(picture, tree, sun, disc, target, progress):
+    """Trace patterns over the disc until their mean is as good as asked for."""
+
+    def work(part, stop):
+        picture.trace_disc(tree, sun, disc, part, stop)
+
+    while disc.patterns < 2 or disc.standard_error > target:
+        if disc.rays * (disc.patterns + 1) > MAX_RAYS_PER_PIXEL:
+            raise ValueError(
+                f"standard_error {target:g} takes more than {MAX_RAYS_PER_PIXEL} rays per pixel "
+                f"({disc.standard_error:g} after {disc.rays * disc.patterns})"
+            )
+        disc.patterns += 1
+        in_chunks(work, len(picture.mask), progress)
+
+
+def _reached(soft, disc, target):
+    """Return the standard error reached; a point sun has none, one not asked for is unknown."""
+    if target is None:
+        return float("nan")
+    return disc.standard_error if soft else 0.0
 
 
 @dataclass
@@ -234,21 +351,20 @@ class _Picture:
         distance, _ = tree.meet(blocker[blocked], point[blocked], to_light[blocked], sun.to_light)
         self.occluder_distance[pixel[blocked]] = np.maximum(distance, 0.0)
 
-    def trace_disc(self, tree, sun, rays, part, stop):
-        """Find the share of the sun's disc that each pixel of `part` sees."""
-        self.mask[part] = self.mask_point[part]
+    def trace_disc(self, tree, sun, disc, part, stop):
+        """Count what each pixel of `part` sees of the disc, by the pattern that is on."""
         pixel = part.start + np.flatnonzero(self.facing[part])
         normal = self.normal[pixel]
         origins = tree.lifted(self.position[pixel] - tree.origin, normal)
         seen = np.zeros(len(pixel), np.int64)
-        for ray in range(rays):
+        for ray in range(disc.rays):
             if stop.is_set():
                 return
-            directions = _disc_directions(sun, rays, ray, pixel)
+            directions = disc_directions(sun, disc.rays, ray, pixel, disc.patterns - 1)
             # A part of the disc below the surface's own horizon is hidden by the surface.
             above = np.einsum("ij,ij->i", directions, normal) > FACING
             seen += above & (tree.query(origins, directions) < 0)
-        self.mask[pixel] = seen / rays
+        disc.add(pixel, seen)
 
 
 def _pixel_rays(camera, origin, rows, columns):
@@ -259,45 +375,6 @@ def _pixel_rays(camera, origin, rows, columns):
     if camera.orthographic:
         return eye + across, np.broadcast_to(-camera.backward, across.shape)
     return np.broadcast_to(eye, across.shape), across - camera.backward
-
-
-def _disc_directions(sun, rays, ray, pixel):
-    """Return unit directions to point `ray` of `rays` on the sun's disc, one for each pixel.
-
-    The disc is cut into `rays` rings of equal solid angle. Each gets one point: at the golden angle
-    from the ring before, so that points spread, anywhere across the ring, and all turned together
-    by an angle of the pixel's own, so that neighbours are not alike. For every pixel the mean over
-    such patterns is the mean over the disc.
-    """
-    area = (ray + _uniform(pixel, ray + 1)) / rays
-    angle = GOLDEN_ANGLE * ray + 2.0 * np.pi * _uniform(pixel, 0)
-    # 1 - cos of the half angle, without the cancellation: the real sun's is 1e-5.
-    drop = area * 2.0 * np.sin(np.radians(sun.angular_diameter_deg) / 4.0) ** 2
-    sine = np.sqrt(drop * (2.0 - drop))
-    z_axis = sun.to_light
-    x_axis = np.cross(z_axis, np.eye(3)[np.abs(z_axis).argmin()])
-    x_axis /= np.linalg.norm(x_axis)
-    y_axis = np.cross(z_axis, x_axis)
-    return (
-        (sine * np.cos(angle))[:, None] * x_axis
-        + (sine * np.sin(angle))[:, None] * y_axis
-        + (1.0 - drop)[:, None] * z_axis
-    )
-
-
-def _uniform(index, stream):
-    """Numbers in [0, 1) that depend on index and stream alone: the mixer of SplitMix64.
-
-    References
-    ----------
-    .. [Steele2014] Steele, Lea, Flood: Fast splittable pseudorandom number generators. OOPSLA
-       2014. doi:10.1145/2660193.2660195
-    """
-    state = index.astype(np.uint64) << np.uint64(20) | np.uint64(stream)
-    state *= np.uint64(0x9E3779B97F4A7C15)
-    state = (state ^ (state >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
-    state = (state ^ (state >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
-    return ((state ^ (state >> np.uint64(31))) >> np.uint64(11)) * 2.0**-53
 
 
 def _points(name, value):

@@ -1,7 +1,5 @@
 """Fixtures of every test: renderers that must stay clean, evidence of what failed, scene files."""
 
-import json
-import re
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +9,7 @@ from hard_case_records import Recorder, cases_of
 
 import csm
 from csm.cutouts import has_cutout
-from csm.pictures import save_png
+from csm.pytest_plugin import evidence_folder, write_evidence
 
 _FAILED = pytest.StashKey[bool]()
 _RECORDER = pytest.StashKey[Recorder]()
@@ -182,34 +180,10 @@ def fresh_renderer():
 # -- evidence --------------------------------------------------------------------------------------
 
 
-def _picture(array):
-    """(h, w, 3) bytes of a two-dimensional array, its finite values from black to white."""
-    values = np.asarray(array, np.float64)
-    finite = values[np.isfinite(values)]
-    low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
-    grey = np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0, posinf=1.0, neginf=0.0)
-    return np.repeat(np.round(255 * grey).astype(np.uint8)[..., None], 3, axis=-1)
-
-
-def _write_evidence(folder, kept):
-    folder.mkdir(parents=True, exist_ok=True)
-    settings = kept.pop("settings", None)
-    if settings is not None:
-        text = settings.to_dict() if hasattr(settings, "to_dict") else settings
-        (folder / "settings.json").write_text(json.dumps(text, indent=1, default=str))
-    rendered, reference = kept.get("rendered"), kept.get("reference")
-    if rendered is not None and np.shape(rendered) == np.shape(reference):
-        kept["difference"] = np.asarray(rendered, np.float64) - np.asarray(reference, np.float64)
-    for name, array in kept.items():
-        np.save(folder / f"{name}.npy", array)
-        if np.ndim(array) == 2:
-            save_png(folder / f"{name}.png", _picture(array))
-
-
 @pytest.fixture
 def evidence(request):
     """Function that keeps arrays until it is known whether the test fails; only then they are
-    written, with their difference and the settings, to ``evidence/<test>/``.
+    written, with their difference and the settings, to ``shadow-evidence/<test>/``.
 
     ``evidence(rendered=frame.mask, reference=expected, settings=frame.settings, depth=...)``:
     every array becomes a .npy, a two-dimensional one a .png too (row 0 on top).
@@ -217,8 +191,8 @@ def evidence(request):
     kept = {}
     yield kept.update
     if request.node.stash.get(_FAILED, False) and kept:
-        name = re.sub(r"[^\w.\-]+", "_", request.node.nodeid.removeprefix("tests/"))
-        _write_evidence(request.config.rootpath / "evidence" / name, kept)
+        settings = kept.pop("settings", None)
+        write_evidence(evidence_folder(request.config, request.node.nodeid), kept, settings)
 
 
 # -- hard cases ------------------------------------------------------------------------------------

@@ -91,6 +91,16 @@ SIGNATURES = {
     ],
     "Truth.trace": [("self", REQUIRED), ("points", REQUIRED)],
     "compare": [("frame", REQUIRED), ("truth", REQUIRED)],
+    "sweep": [
+        ("cases", REQUIRED),
+        ("axes", REQUIRED),
+        ("base", None, KEYWORD),
+        ("out", None, KEYWORD),
+        ("processes", 1, KEYWORD),
+        ("client", None, KEYWORD),
+        ("progress", None, KEYWORD),
+        ("repeats", None, KEYWORD),
+    ],
 }
 
 

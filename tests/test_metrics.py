@@ -121,7 +121,7 @@ def test_acne_above_one_half_is_seen_by_the_mean_alone():
 
 @pytest.mark.parametrize("cause", ["aliasing", "penumbra", "peter_panning", "light_leak", "seam"])
 def test_a_cause_that_is_not_there_says_what_it_needs(cause):
-    # True of both kinds of report: neither was made from more than the masks.
+    # True of both kinds of report: neither has a scene to trace.
     for report in (compare([[0.0]], [[1.0]]), compare(*all_judged([[0.0]], [[1.0]]))):
         assert cause not in report.mean
         for values in (report.mean, report.per_pixel, report.largest):

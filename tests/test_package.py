@@ -76,6 +76,11 @@ MISSING = {
         "csm.truth(scene, scene.cameras['corner'], scene.suns['diagonal'])",
     ),
     "plot": ("matplotlib", "csm.scenes.demo_terrain()"),
+    "sweep": ("xarray", "csm.sweep({'a': ('stairs', None, None)}, {'map_size': [64]})"),
+    "cluster": (
+        "distributed",
+        "csm.sweep({'a': ('stairs', None, None)}, {'map_size': [64]}, client='tcp://here')",
+    ),
 }
 
 

@@ -14,9 +14,10 @@ pytest.importorskip("embreex", reason="csm.truth needs embreex")
 
 from csm import embree, scenes
 from csm.camera import Camera
+from csm.disc import disc_directions
 from csm.scene import Scene
 from csm.sun import Sun
-from csm.tracing import _disc_directions, truth
+from csm.tracing import truth
 
 BOX_CORNERS = np.array([[x, y, z] for x in (-1, 1) for y in (0, 2) for z in (-1, 1)], float)
 BOX_QUADS = np.array(
@@ -263,6 +264,12 @@ def disc_share(offset):
     return (np.arccos(offset) - offset * np.sqrt(1 - offset**2)) / np.pi
 
 
+def test_a_standard_error_out_of_reach_is_refused(monkeypatch):
+    monkeypatch.setattr("csm.tracing.MAX_RAYS_PER_PIXEL", 40)
+    with pytest.raises(ValueError, match=r"standard_error 1e-06 takes more than 40 rays.*after 40"):
+        truth(*half_plane((8, 8)), rays_per_pixel=8, standard_error=1e-6)
+
+
 def test_penumbra_of_a_straight_edge_is_the_share_of_the_disc():
     """Sun overhead, a half plane 10 m up: in the small-angle limit a chord cuts the disc."""
     roof = quad([[0, 10, -50], [0, 10, 50], [50, 10, 50], [50, 10, -50]])
@@ -282,9 +289,72 @@ def test_penumbra_of_a_straight_edge_is_the_share_of_the_disc():
     assert np.array_equal(result.mask_point, (x < 0).astype(np.float32))
 
 
+def half_plane(size=(64, 64)):
+    """Scene, camera and sun of 10 degrees overhead: a roof's edge along x = 0, 10 m up."""
+    roof = quad([[0, 10, -50], [0, 10, 50], [50, 10, 50], [50, 10, -50]])
+    camera = from_above(half_height=2.0, size=size, near=45.0)
+    return Scene.merge(ground(), roof), camera, Sun((0, 1, 0), 10.0)
+
+
+def test_the_standard_error_asked_for_is_the_error_there_is():
+    what = half_plane((56, 56))
+    exact = truth(*what, rays_per_pixel=1024).mask.astype(float)
+    rays = []
+    for target in (0.05, 0.02, 0.008):
+        found = truth(*what, rays_per_pixel=8, standard_error=target)
+        assert found.standard_error <= target
+        partly = (found.mask > 0) & (found.mask < 1)
+        real = np.sqrt(np.mean((found.mask - exact)[partly] ** 2))
+        # The root of a mean square of 1,000 normal errors is known to 2.2 % (one sigma); nine of
+        # those, for errors that are not normal where little is seen, and for the 1024 rays' own.
+        assert partly.sum() > 1000
+        assert real == pytest.approx(found.standard_error, rel=0.2)
+        assert found.rays_per_pixel % 8 == 0
+        rays.append(found.rays_per_pixel)
+    # It stops as soon as it may: a pattern less was not enough (the error falls as one over the
+    # root of the patterns).
+    assert rays == sorted(set(rays))
+    assert found.standard_error * np.sqrt(rays[-1] / (rays[-1] - 8)) > 0.97 * target
+
+
+def test_a_standard_error_gives_the_same_bits_whatever_the_threads(monkeypatch):
+    what = half_plane((40, 20))
+    monkeypatch.setattr(embree, "CHUNK_RAYS", 96)
+    one = truth(*what, rays_per_pixel=4, standard_error=0.05)
+    monkeypatch.setattr(embree, "_core_count", lambda: 1)
+    monkeypatch.setattr(embree, "CHUNK_RAYS", 1 << 16)
+    other = truth(*what, rays_per_pixel=4, standard_error=0.05)
+    assert one.mask.tobytes() == other.mask.tobytes()
+    assert one.standard_error == other.standard_error
+    assert one.rays_per_pixel == other.rays_per_pixel >= 8
+
+
+def test_patterns_are_independent_and_the_first_is_the_one_without():
+    pixels, sun = np.arange(500), Sun((0.3, 0.8, -0.5), angular_diameter_deg=40.0)
+    patterns = [
+        np.stack([disc_directions(sun, 8, ray, pixels, pattern) for ray in range(8)])
+        for pattern in range(3)
+    ]
+    assert np.array_equal(
+        patterns[0], np.stack([disc_directions(sun, 8, ray, pixels) for ray in range(8)])
+    )
+    for one, other in ((0, 1), (0, 2), (1, 2)):
+        a, b = (patterns[k][0] - patterns[k][0].mean(axis=0) for k in (one, other))
+        correlation = (a * b).mean(axis=0) / np.sqrt((a**2).mean(axis=0) * (b**2).mean(axis=0))
+        assert np.abs(correlation).max() < 5 / np.sqrt(500)
+
+
+def test_a_point_has_no_standard_error_and_one_not_asked_for_is_unknown():
+    scene, camera, sun = half_plane((8, 8))
+    point = truth(scene, camera, Sun(sun.to_light), rays_per_pixel=4, standard_error=0.01)
+    assert point.standard_error == 0.0
+    assert np.isnan(truth(scene, camera, sun, rays_per_pixel=4).standard_error)
+    assert np.isnan(truth(scene, camera, sun).standard_error)
+
+
 def test_directions_fill_the_disc_evenly():
     rays, pixels, sun = 16, np.arange(4000), Sun((0.3, 0.8, -0.5), angular_diameter_deg=40.0)
-    directions = np.concatenate([_disc_directions(sun, rays, k, pixels) for k in range(rays)])
+    directions = np.concatenate([disc_directions(sun, rays, k, pixels) for k in range(rays)])
     assert np.linalg.norm(directions, axis=1) == pytest.approx(1.0, abs=1e-12)
     cosine = directions @ sun.to_light
     edge = np.cos(np.radians(20.0))
@@ -355,6 +425,9 @@ def test_trace_refuses(points, normals, text):
         ({"rays_per_pixel": True}, TypeError, "rays_per_pixel must be an int"),
         ({"rays_per_pixel": 0}, ValueError, r"rays_per_pixel must be 1 to 65536 \(got 0\)"),
         ({"rays_per_pixel": 65537}, ValueError, r"\(got 65537\)"),
+        ({"standard_error": 0.1}, ValueError, r"needs rays_per_pixel of 2 or more \(got 1\)"),
+        ({"rays_per_pixel": 2, "standard_error": 0.0}, ValueError, "standard_error must be"),
+        ({"rays_per_pixel": 2, "standard_error": "low"}, TypeError, "standard_error must be"),
     ],
 )
 def test_truth_refuses(change, error, text):

@@ -1,0 +1,306 @@
+"""Why a mask differs from the truth: visibilities at the stages between them (docs/numerics.md 15).
+
+V0 is the truth at a pixel's point. V1 is exact visibility where the map's texel has its centre, on
+the surface's tangent plane; V2 the mean of V1 over the texels that the filter averages, with its
+weights. V3 is what the shadow map itself gave for the one cascade, V4 the mask. Neighbouring stages
+differ by one cause each, so the causes add up.
+"""
+
+from functools import cached_property
+
+import numpy as np
+
+from .footprints import half_widths, pixel_lots, taps_of
+from .sampling import undersampling
+from .tracing import truth
+
+__all__ = ["CAUSES", "Stages"]
+
+# What each cause is the difference of, or what it is a part of.
+CAUSES = (
+    "total", "aliasing", "penumbra", "false_shadow", "peter_panning", "light_leak", "seam",
+    "too_bright", "too_dark", "perspective_aliasing", "projection_aliasing", "phase_aliasing",
+)  # fmt: skip
+
+FARTHEST_REACH = 4  # texels on each side whose occluders are asked for: 81 rays a pixel
+SOFT_RAYS = 64  # a pixel, where soft shadows are judged by the truth of a point sun
+FARTHEST_TEXELS = 1e6  # of a tangent plane nearly edge-on to the light: beyond, nothing is said
+
+
+class Stages:
+    """Exact visibilities of the judged pixels of a frame, traced when they are first asked for.
+
+    Parameters
+    ----------
+    frame : Frame
+        With `cascade_index`, `cascades` and `settings`.
+    truth : Truth
+    judged : (h, w) bool
+    """
+
+    def __init__(self, frame, truth, judged):
+        self.frame, self.truth, self.judged = frame, truth, judged
+        self.settings = frame.settings.canonical()
+
+    @cached_property
+    def _groups(self):
+        """The judged pixels of each cascade: (cascade, flat indices)."""
+        index = np.asarray(self.frame.cascade_index)
+        every = [
+            (i, np.flatnonzero(self.judged & (index == i)))
+            for i in range(self.frame.cascades.count)
+        ]
+        return [(cascade, pixels) for cascade, pixels in every if len(pixels)]
+
+    def _of(self, name, pixels):
+        array = getattr(self.truth, name)
+        return array.reshape(-1, *array.shape[2:])[pixels]
+
+    def _spread(self, values_of):
+        """(h, w) array of a function of (cascade, pixels); 0 where not judged."""
+        spread = np.zeros(self.judged.size)
+        for cascade, pixels in self._groups:
+            spread[pixels] = values_of(cascade, pixels)
+        return spread.reshape(self.judged.shape)
+
+    @cached_property
+    def at_texel_centres(self):
+        """V1: (h, w) float64, 0 where not judged."""
+
+        def values(cascade, pixels):
+            surface = _Surface(self, cascade, pixels)
+            return surface.visibility(np.floor(surface.texels) + 0.5)
+
+        return self._spread(values)
+
+    @cached_property
+    def filtered(self):
+        """V2: (h, w) float64, 0 where not judged.
+
+        Soft shadows mean to average the sun's disc, not texels: theirs is the soft truth.
+        """
+        if self.settings.filter == "hard":
+            return self.at_texel_centres
+        if self.settings.filter == "pcss":
+            return np.where(self.judged, self._soft_truth(), 0.0)
+        return self._spread(self._filtered)
+
+    def _soft_truth(self):
+        exact = self.truth
+        if exact.rays_per_pixel == 1 and exact.sun.angular_diameter_deg > 0.0:
+            exact = truth(exact.scene, exact.camera, exact.sun, rays_per_pixel=SOFT_RAYS)
+        return np.asarray(exact.mask, np.float64)
+
+    def _filtered(self, cascade, pixels):
+        surface = _Surface(self, cascade, pixels)
+        whole = np.floor(surface.texels)
+        taps = taps_of(
+            self.settings,
+            surface.texels - whole,
+            self._half_widths(cascade, pixels),
+            pixel_lots(self.judged.shape).ravel()[pixels],
+        )
+        reach = max(int(np.abs(offset).max()) for offset, _ in taps)
+        seen = _Lattice(surface, whole.astype(np.int64), reach, taps)
+        mean = np.zeros(len(pixels))
+        for offset, weight in taps:
+            mean += weight * seen.visibility(offset)
+        return mean
+
+    def _half_widths(self, cascade, pixels):
+        camera = self.truth.camera
+        depth = (self._of("position", pixels) - camera.eye) @ -camera.backward
+        return half_widths(self, cascade, depth)
+
+    @property
+    def cascades(self):
+        """Those of the frame."""
+        return self.frame.cascades
+
+    @property
+    def camera(self):
+        """That of the frame."""
+        return self.frame.camera
+
+    def near_occluder(self, wanted):
+        """Whether an occluder lies within the applied bias of a texel that the filter averages.
+
+        Parameters
+        ----------
+        wanted : (h, w) bool
+            Judged pixels to look at; the rest is False.
+
+        Returns
+        -------
+        near : (h, w) bool
+        """
+
+        def values(cascade, pixels):
+            pixels_wanted = np.flatnonzero(wanted.ravel()[pixels])
+            near = np.zeros(len(pixels))
+            chosen = pixels[pixels_wanted]
+            if len(chosen):
+                surface = _Surface(self, cascade, chosen)
+                distance = surface.nearest_occluder(self._reach(cascade, chosen))
+                near[pixels_wanted] = distance <= self._bias(surface, cascade, chosen)
+            return near
+
+        return self._spread(values) > 0.0
+
+    def _reach(self, cascade, pixels):
+        """Texels around the point's own whose occluders may be meant."""
+        if self.settings.filter == "hard":
+            return 0
+        return min(int(np.ceil(self._half_widths(cascade, pixels).max())), FARTHEST_REACH)
+
+    def _bias(self, surface, cascade, pixels):
+        """Bias that was applied at each pixel, along the light [m]."""
+        applied = self.frame.info["bias"][cascade]  # a whole depth quantum included
+        sine = np.sqrt(np.maximum(1.0 - surface.cosine**2, 0.0))
+        tangent = sine / surface.cosine
+        return (
+            applied["constant_m"]
+            + applied["slope_m"] * surface.gradient_sum
+            # moved along the normal, a point gains this much along the light over its own plane
+            + applied["normal_offset_m"] * sine * (surface.cosine + sine * tangent)
+        )
+
+    @cached_property
+    def own_surface(self):
+        """Judged pixels whose own texel shows their own triangle: (h, w) bool."""
+
+        def values(cascade, pixels):
+            surface = _Surface(self, cascade, pixels)
+            return surface.shows_itself(np.floor(surface.texels) + 0.5)
+
+        return self._spread(values) > 0.0
+
+    @cached_property
+    def aliasing_shares(self):
+        """Parts of the aliasing by perspective and by projection: two (h, w) float64.
+
+        By logarithms, as the two factors multiply; both 0 where texels are no coarser than pixels.
+        """
+        camera, index = self.frame.camera, np.asarray(self.frame.cascade_index)
+        largest = self.frame.cascades.texel_size.max(axis=1)
+        texel = np.append(largest, np.zeros(256 - len(largest)))[index]
+        depth = 1.0
+        if not camera.orthographic:
+            depth = (self.truth.position - camera.eye) @ -camera.backward
+        perspective = texel * camera.size[1] / (2.0 * camera.half_height * depth)
+        whole = undersampling(self.frame, self.truth)
+        with np.errstate(invalid="ignore", divide="ignore"):
+            projection = whole / perspective
+            logs = [np.log(np.fmax(m, 1.0)) for m in (perspective, projection)]
+            both = logs[0] + logs[1]
+            shares = [np.where(both > 0.0, one / both, 0.0) for one in logs]
+        return [np.nan_to_num(share) for share in shares]
+
+
+class _Lattice:
+    """Exact visibility at the centres of texels around every point.
+
+    Each is traced once for a plane: neighbours on one plane average nearly the same texels.
+    """
+
+    def __init__(self, surface, whole, reach, taps):
+        plane, first = _planes(surface)
+        low = whole.min(axis=0) - reach
+        self._sides = whole.max(axis=0) + reach + 1 - low
+        self._keys = (plane * self._sides[0] + whole[:, 0] - low[0]) * self._sides[1]
+        self._keys += whole[:, 1] - low[1]
+        self._keys, self._back = np.unique(self._keys, return_inverse=True)
+        wanted = _distinct(np.concatenate([self._asked(*tap) for tap in taps]))
+        rest, v = np.divmod(wanted, self._sides[1])
+        of, u = np.divmod(rest, self._sides[0])
+        self._wanted = wanted
+        centres = np.column_stack([u, v]) + low + 0.5
+        self._seen = surface.visibility(centres, first[of])
+
+    def _steps(self, offset):
+        return offset[:, 0] * self._sides[1] + offset[:, 1]
+
+    def _asked(self, offset, weight):
+        """Texels that a tap looks at; one offset for all points is asked for once a texel."""
+        steps = self._steps(offset)
+        if (steps == steps[0]).all():
+            return self._keys + steps[0]
+        return _distinct((self._keys[self._back] + steps)[weight > 0.0])
+
+    def visibility(self, offset):
+        """(m,) at the texels (m, 2) from those that hold the points; anything where not asked."""
+        steps = self._steps(offset)
+        if (steps == steps[0]).all():
+            return self._at(self._keys + steps[0])[self._back]
+        return self._at(self._keys[self._back] + steps)
+
+    def _at(self, keys):
+        place = np.searchsorted(self._wanted, keys)
+        return self._seen[np.minimum(place, len(self._seen) - 1)]
+
+
+def _distinct(keys):
+    """Sorted, each once: by sorting, which is several times faster here than numpy's hashing."""
+    keys = np.sort(keys)
+    return keys[np.concatenate([[True], keys[1:] != keys[:-1]])] if len(keys) else keys
+
+
+def _planes(surface):
+    """Number of each point's plane (m,), and a point of each plane."""
+    offset = np.einsum("mk,mk->m", surface.normal, surface.point)
+    scale = np.abs(surface.point).max(initial=1.0)
+    rounded = np.column_stack([surface.normal * 1e9, offset / scale * 1e9]).round()
+    _, first, plane = np.unique(rounded, axis=0, return_index=True, return_inverse=True)
+    return plane.ravel().astype(np.int64), first
+
+
+class _Surface:
+    """Tangent planes of pixels, and the rays of one cascade's texels through them."""
+
+    def __init__(self, stages, cascade, pixels):
+        cascades, truth = stages.frame.cascades, stages.truth
+        self.truth = truth
+        self.size = int(cascades.map_size[cascade])
+        self.point, self.normal = stages._of("position", pixels), stages._of("normal", pixels)
+        uvz = np.asarray(cascades.uvz_from_world[cascade])
+        placed = self.point @ uvz[:3, :3].T + uvz[:3, 3]
+        w = self.point @ uvz[3, :3] + uvz[3, 3]
+        self.texels = placed[:, :2] / w[:, None] * self.size
+        self._world_from_uvz = np.linalg.inv(uvz)
+        self.cosine = self.normal @ truth.sun.to_light
+        light = np.asarray(cascades.light_from_world[cascade])[:3, :3]
+        normal_ls = self.normal @ np.linalg.inv(light)
+        self.gradient_sum = np.abs(normal_ls[:, :2] / normal_ls[:, 2:]).sum(axis=1)
+        self.gradient_sum = np.minimum(self.gradient_sum, FARTHEST_TEXELS)
+
+    def on_plane(self, texels, of=slice(None)):
+        """World points of the tangent planes along the rays of texels (m, 2)."""
+        uv = texels / self.size
+        ends = []
+        for z in (0.0, 1.0):
+            uvz = np.column_stack([uv, np.full(len(uv), z), np.ones(len(uv))])
+            moved = uvz @ self._world_from_uvz.T
+            ends.append(moved[:, :3] / moved[:, 3:])
+        ray = ends[1] - ends[0]
+        slope = np.einsum("mk,mk->m", ray, self.normal[of])
+        height = np.einsum("mk,mk->m", self.point[of] - ends[0], self.normal[of])
+        return ends[0] + (height / slope)[:, None] * ray
+
+    def visibility(self, texels, of=slice(None)):
+        """Exact visibility of the tangent planes at texels."""
+        return self.truth.trace(self.on_plane(texels, of), self.normal[of]).astype(np.float64)
+
+    def shows_itself(self, texels):
+        """Whether the light meets the pixel's own triangle first, at texels."""
+        return self.truth.shows_itself(self.on_plane(texels), self.normal)
+
+    def nearest_occluder(self, reach):
+        """Least distance to an occluder over the point and the texels within reach (m,) [m]."""
+        nearest = self.truth.occluder_distances(self.point, self.normal)
+        whole = np.floor(self.texels)
+        for du in range(-reach, reach + 1):
+            for dv in range(-reach, reach + 1):
+                there = self.on_plane(whole + 0.5 + (du, dv))
+                distance = self.truth.occluder_distances(there, self.normal)
+                nearest = np.minimum(nearest, distance)
+        return nearest

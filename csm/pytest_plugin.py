@@ -1,0 +1,203 @@
+"""For the test suites of engines: shadows of a scene against ray tracing, with evidence on failure.
+
+Installed with csm, pytest knows the fixture `shadow_case` without a line of configuration.
+"""
+
+import json
+import re
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+__all__ = ["ShadowCase", "assert_shadows_match", "write_evidence"]
+
+EVIDENCE = "shadow-evidence"
+
+
+@dataclass(frozen=True, eq=False)
+class ShadowCase:
+    """One scene under one camera and sun: what was rendered, and what is right.
+
+    Attributes
+    ----------
+    frame : Frame
+    truth : Truth
+    report : ErrorReport
+    folder : Path
+        Where `check` leaves its evidence.
+    """
+
+    frame: object
+    truth: object
+    report: object
+    folder: Path
+
+    def check(self, *, max_error, causes=None):
+        """`assert_shadows_match` of this case."""
+        assert_shadows_match(
+            self.frame, self.truth, max_error=max_error, causes=causes, folder=self.folder
+        )
+
+
+def assert_shadows_match(frame, truth, *, max_error, causes=None, folder=None):
+    """Fail if shadows are further from the truth than allowed, and leave evidence.
+
+    Parameters
+    ----------
+    frame : Frame or (h, w) array_like
+        As for `csm.compare`: a Frame, or a mask of any engine.
+    truth : Truth or (h, w) array_like
+    max_error : float
+        Largest disagreement and largest mean absolute error, as a fraction.
+    causes : mapping of str to float, optional
+        Largest mean absolute error of single causes, e.g. ``{"false_shadow": 1e-3}``.
+    folder : path, optional
+        Where rendered, reference and difference (PNG and npz), errors and settings go on failure;
+        nowhere by default.
+
+    Raises
+    ------
+    AssertionError
+        With the numbers, and the folder of the evidence.
+    ValueError
+        If a limit is no fraction, or a cause cannot be told from what is given.
+    """
+    __tracebackhide__ = True
+    from .metrics import compare
+
+    limits = {"max_error": max_error, **(causes or {})}
+    for name, limit in limits.items():
+        if not 0.0 <= limit <= 1.0:
+            raise ValueError(f"{name} must be a fraction from 0 to 1 (got {limit!r})")
+    report = compare(frame, truth)
+    if not report.judged_count:
+        raise AssertionError("no pixel shows a surface that faces the sun: nothing was judged")
+    found = {
+        "disagreement": (report.disagreement, max_error),
+        "mean error": (report.mean["total"], max_error),
+        **{cause: (report.mean[cause], limit) for cause, limit in (causes or {}).items()},
+    }
+    broken = {name: pair for name, pair in found.items() if not pair[0] <= pair[1]}
+    if not broken:
+        return
+    lines = [f"{name} {value:.4%} > {limit:.4%}" for name, (value, limit) in broken.items()]
+    if folder is not None:
+        arrays = {
+            "rendered": getattr(frame, "mask", frame),
+            "reference": getattr(truth, "mask", truth),
+        }
+        write_evidence(folder, arrays, getattr(frame, "settings", None), {"errors": found})
+        lines.append(f"see {folder}")
+    raise AssertionError("shadows do not match: " + "; ".join(lines))
+
+
+def write_evidence(folder, arrays, settings=None, more=None):
+    """Write what explains a failed comparison.
+
+    Parameters
+    ----------
+    folder : path
+        Made if need be.
+    arrays : mapping of str to ndarray
+        Each becomes a .npy, a two-dimensional one a .png too (row 0 on top). ``rendered`` and
+        ``reference`` of one shape also give their ``difference``.
+    settings : ShadowSettings or mapping, optional
+        Becomes settings.json.
+    more : mapping, optional
+        Becomes numbers.json.
+    """
+    from .pictures import save_png
+
+    folder, arrays = Path(folder), {name: np.asarray(array) for name, array in arrays.items()}
+    folder.mkdir(parents=True, exist_ok=True)
+    if settings is not None:
+        plain = settings.to_dict() if hasattr(settings, "to_dict") else settings
+        (folder / "settings.json").write_text(json.dumps(plain, indent=1, default=str))
+    if more is not None:
+        (folder / "numbers.json").write_text(json.dumps(more, indent=1, default=float))
+    rendered, reference = arrays.get("rendered"), arrays.get("reference")
+    if rendered is not None and reference is not None and rendered.shape == reference.shape:
+        arrays["difference"] = rendered.astype(np.float64) - reference.astype(np.float64)
+    for name, array in arrays.items():
+        np.save(folder / f"{name}.npy", array)
+        if array.ndim == 2:
+            save_png(folder / f"{name}.png", grey_picture(array))
+
+
+def grey_picture(array):
+    """Bytes of a two-dimensional array, its finite values from black to white.
+
+    Parameters
+    ----------
+    array : (h, w) array_like
+
+    Returns
+    -------
+    picture : (h, w, 3) uint8
+    """
+    values = np.asarray(array, np.float64)
+    finite = values[np.isfinite(values)]
+    low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
+    grey = np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0, posinf=1.0, neginf=0.0)
+    return np.repeat(np.round(255 * grey).astype(np.uint8)[..., None], 3, axis=-1)
+
+
+def evidence_folder(config, nodeid):
+    """Folder of one test's evidence, below the root of the suite or where the option says."""
+    name = re.sub(r"[^\w.\-]+", "_", nodeid.removeprefix("tests/"))
+    return Path(config.getoption("shadow_evidence") or config.rootpath / EVIDENCE) / name
+
+
+def pytest_addoption(parser):
+    """Let the command line name the folder of the evidence."""
+    parser.getgroup("csm").addoption(
+        "--shadow-evidence",
+        metavar="FOLDER",
+        help=f"where failed comparisons of shadows leave their pictures (default {EVIDENCE})",
+    )
+
+
+@pytest.fixture(scope="session")
+def shadow_renderer():
+    """A Renderer for the whole session; skips where there is no OpenGL 4.5."""
+    from .errors import ContextError
+    from .renderer import Renderer
+
+    try:
+        renderer = Renderer()
+    except ContextError as error:
+        pytest.skip(f"no OpenGL: {error}")
+    with renderer:
+        yield renderer
+
+
+@pytest.fixture(scope="session")
+def _shadow_truths():
+    return {}
+
+
+@pytest.fixture
+def shadow_case(request, shadow_renderer, _shadow_truths):
+    """Function that renders a scene and traces its truth, once for equal scene, camera and sun.
+
+    ``shadow_case(scene, camera, sun, settings=None, *, rays_per_pixel=1)`` gives a `ShadowCase`;
+    its ``check(max_error=..., causes={...})`` fails with evidence.
+    """
+    from .metrics import compare
+    from .settings import ShadowSettings
+    from .tracing import truth as trace
+
+    def make(scene, camera, sun, settings=None, *, rays_per_pixel=1):
+        key = (scene, camera, tuple(sun.to_light), sun.angular_diameter_deg, rays_per_pixel)
+        if key not in _shadow_truths:
+            _shadow_truths[key] = trace(scene, camera, sun, rays_per_pixel=rays_per_pixel)
+        truth = _shadow_truths[key]
+        settings = ShadowSettings() if settings is None else settings
+        outputs = ("mask", "mask_single", "valid", "cascade_index")
+        frame = shadow_renderer.render(scene, camera, sun, settings, outputs=outputs)
+        folder = evidence_folder(request.config, request.node.nodeid)
+        return ShadowCase(frame, truth, compare(frame, truth), folder)
+
+    return make

@@ -1,0 +1,156 @@
+"""What a report shows beside a sweep: the same spot under every technique, and its flicker."""
+
+import numpy as np
+
+from .camera import Camera
+from .metrics import compare
+from .motion import flicker
+from .renderer import Renderer
+from .settings import ShadowSettings
+from .techniques import BASELINE, settings_by_name
+from .tracing import truth
+
+__all__ = ["crop_place", "with_crops_and_flicker"]
+
+CROP = (96, 96)  # height and width of the spot [px]
+FRAMES = 6  # of the path that flicker is taken from
+STEP_SHARE = 2e-4  # of the view range that the camera goes sideways from frame to frame
+TURN_DEG = 0.05
+POINTS = 4000
+
+
+def crop_place(error, judged, size=CROP):
+    """Where a crop of this size holds most of the error.
+
+    Parameters
+    ----------
+    error : (h, w) array_like
+        Not negative.
+    judged : (h, w) bool
+    size : (int, int)
+        Height and width [px].
+
+    Returns
+    -------
+    row, column : int
+        Of the upper left corner.
+    """
+    height, width = (min(a, b) for a, b in zip(size, judged.shape, strict=True))
+    # edges that are right count a little, so that a perfect picture is still cut where it matters
+    value = np.where(judged, np.asarray(error, float) + 1e-6, 0.0)
+    sums = np.pad(value.cumsum(axis=0).cumsum(axis=1), ((1, 0), (1, 0)))
+    windows = (
+        sums[height:, width:] - sums[:-height, width:] - sums[height:, :-width]
+        + sums[:-height, :-width]
+    )  # fmt: skip
+    row, column = np.unravel_index(int(np.argmax(windows)), windows.shape)
+    return int(row), int(column)
+
+
+def path_of(camera):
+    """The camera going sideways and turning a little: a walk that moves edges by parts of texels.
+
+    Parameters
+    ----------
+    camera : Camera
+
+    Returns
+    -------
+    cameras : list of Camera
+    """
+    path = []
+    for step in range(FRAMES):
+        angle = np.radians(TURN_DEG * step)
+        ahead = np.sin(angle) * camera.right - np.cos(angle) * camera.backward
+        eye = camera.eye + STEP_SHARE * (camera.far - camera.near) * step * camera.right
+        if camera.orthographic:
+            path.append(camera.translated(eye - camera.eye))
+            continue
+        path.append(
+            Camera.look_at(
+                eye, eye + ahead, up=camera.up, fov_y_deg=camera.fov_y_deg, near=camera.near,
+                far=camera.far, size=camera.size,
+            )
+        )  # fmt: skip
+    return path
+
+
+def with_crops_and_flicker(dataset, cases, *, base=None, backend="auto", advance=None):
+    """Add crops and flicker to a sweep over techniques.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From `csm.sweep` with an axis ``technique`` of `settings_by_name`.
+    cases : mapping of str to (scene, camera, sun)
+        Objects, the cameras of the sizes that were swept.
+    base : ShadowSettings, optional
+        What the techniques change.
+    backend : str
+    advance : callable, optional
+        Takes the share done, 0 to 1.
+
+    Returns
+    -------
+    dataset : xarray.Dataset
+        With ``crop`` (case, technique, y, x) and ``crop_truth`` (case, y, x), visibilities;
+        ``crop_row`` and ``crop_column`` (case); ``flicker`` and ``flicker_transition`` (case,
+        technique).
+    """
+    base = ShadowSettings() if base is None else base
+    names = [str(name) for name in dataset.technique.values]
+    changes = settings_by_name()
+    shape = (len(cases), len(names))
+    crops, truths = np.full((*shape, *CROP), np.nan, np.float32), np.ones((shape[0], *CROP))
+    places, rates = np.zeros((shape[0], 2), int), np.full((*shape, 2), np.nan)
+    done = 0
+    for i, (scene, camera, sun) in enumerate(cases.values()):
+        exact = truth(scene, camera, sun)
+        points = _points_of(exact)
+        with Renderer(backend) as renderer:
+            first = renderer.render(scene, camera, sun, base.replace(**changes[BASELINE]))
+            report = compare(first, exact)
+            places[i] = crop_place(np.abs(report.per_pixel["total"]), report.judged)
+            cut = np.s_[
+                places[i, 0] : places[i, 0] + CROP[0], places[i, 1] : places[i, 1] + CROP[1]
+            ]
+            shown = exact.mask[cut]
+            truths[i, : shown.shape[0], : shown.shape[1]] = shown
+            for j, name in enumerate(names):
+                done += 1
+                if str(dataset.status.values[i, j]) != "ok":
+                    continue
+                settings = base.replace(**changes[name])
+                mask = renderer.render(scene, camera, sun, settings, outputs=("mask",)).mask[cut]
+                crops[i, j, : mask.shape[0], : mask.shape[1]] = mask
+                found = _flicker(renderer, scene, camera, sun, settings, points)
+                rates[i, j] = found.mean, found.transition
+                if advance is not None:
+                    advance(done / (shape[0] * shape[1]))
+    place = ("case", "technique")
+    return dataset.assign(
+        crop=((*place, "y", "x"), crops),
+        crop_truth=(("case", "y", "x"), truths),
+        crop_row=("case", places[:, 0]),
+        crop_column=("case", places[:, 1]),
+        flicker=(place, rates[..., 0], {"units": "1"}),
+        flicker_transition=(place, rates[..., 1], {"units": "1"}),
+    )
+
+
+def _points_of(exact):
+    """Points and normals of visible surfaces that face the sun, the same for all techniques."""
+    seen = exact.valid & exact.facing
+    points, normals = exact.position[seen], exact.normal[seen]
+    chosen = np.random.default_rng(1).permutation(len(points))[:POINTS]
+    return points[chosen], normals[chosen]
+
+
+def _flicker(renderer, scene, camera, sun, settings, points):
+    frames = [
+        renderer.render(
+            scene, here, sun, settings, outputs=(), points=points[0], point_normals=points[1]
+        )
+        for here in path_of(camera)
+    ]
+    return flicker(frames, scene=scene)

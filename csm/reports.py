@@ -1,0 +1,284 @@
+"""The page about what accuracy costs in time: one HTML file with everything in it.
+
+Made from a dataset alone, as `csm.sweep` gives it with an axis ``technique``; what
+`csm.report_runs.measured` adds to it (crops, flicker) is shown where it is there.
+"""
+
+import base64
+import html
+from pathlib import Path
+
+import numpy as np
+
+from .fronts import best_within, next_halvings, on_front, paired_interval
+from .report_pictures import crop_picture, error_crop_picture, front_picture
+from .techniques import BASELINE, TECHNIQUES
+
+__all__ = ["report"]
+
+PAGE = "report.html"
+MIB = 2.0**20
+MEMORIES_MIB = (4, 16, 64, 256)  # of maps, for the comparison at equal memory
+TIMES = (0.5, 1.0, 2.0, 4.0)  # of the baseline's time, for the one at equal time
+STYLE = """
+body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 74rem; color: #222;
+  padding: 0 1rem; }
+h2 { margin-top: 2.5rem; } table { border-collapse: collapse; font-size: 13px; }
+th, td { text-align: left; padding: 2px 9px; border-bottom: 1px solid #ddd; vertical-align: top; }
+td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
+tr.front td:first-child { font-weight: 600; } img { max-width: 100%; }
+figure { display: inline-block; margin: 0 .6rem .8rem 0; width: 196px; vertical-align: top; }
+figure img { image-rendering: pixelated; border: 1px solid #ccc; width: 94px; }
+figcaption { font-size: 11px; line-height: 1.25; color: #444; }
+.note { color: #555; font-size: 13px; }
+"""
+
+
+def report(dataset, *, out="report", title="What accuracy costs in time", hard_cases=None):
+    """Write the page of a sweep over techniques.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        From `csm.sweep` with an axis ``technique``, and perhaps more; see the module's page.
+    out : path
+        Folder: ``report.html``, which needs no other file, and its pictures as PNG files.
+    title : str
+    hard_cases : path, optional
+        ``hard_cases.html`` of ``csm hard-cases``, to be linked to.
+
+    Returns
+    -------
+    page : Path
+
+    Raises
+    ------
+    ValueError
+        If the dataset has no axis ``technique`` or lacks errors, times or bytes.
+    """
+    for name in ("technique", "error_total", "ms_total", "bytes_maps"):
+        if name not in dataset:
+            raise ValueError(
+                f"dataset must have {name}: csm.sweep(cases, {{'technique': {{...}}}}) gives it"
+            )
+    folder = Path(out)
+    folder.mkdir(parents=True, exist_ok=True)
+    pictures = {}
+    parts = [*_head(dataset, title), *_summary(dataset)]
+    for case in dataset.case.values:
+        parts += _case(dataset.sel(case=case), pictures, str(case))
+    parts += _across(dataset)
+    parts += _hard_cases(hard_cases)
+    parts += _foot(dataset)
+    for name, data in pictures.items():
+        (folder / name).write_bytes(data)
+    page = folder / PAGE
+    page.write_text("".join(parts), encoding="utf-8")
+    return page
+
+
+def _head(dataset, title):
+    where = dataset.attrs.get("renderer") or dataset.attrs.get("driver") or ""
+    return [
+        "<!doctype html><html lang='en'><meta charset='utf-8'>",
+        "<meta name='viewport' content='width=device-width'>",
+        f"<title>csm: {html.escape(title)}</title><style>{STYLE}</style>",
+        f"<h1>{html.escape(title)}</h1>",
+        "<p>Every technique below drew the same pictures on the same machine, in turns, and was "
+        "judged pixel by pixel against ray tracing. <b>Error</b> is the mean of |mask − truth| "
+        "over the pixels that face the sun; <b>wrong</b> the share of them on the other side of "
+        "one half. <b>Time</b> is the median of all passes of a frame, reading back left out. "
+        "<b>Memory</b> is that of shadow maps and what is made of them. A technique that nothing "
+        "beats in error and cost at once lies on the front, the line in the pictures.</p>",
+        f"<p class='note'>{html.escape(str(where))}</p>" if where else "",
+    ]
+
+
+def _summary(dataset):
+    """Best at each size of memory and at each time, over the mean of all cases."""
+    names = [str(name) for name in dataset.technique.values]
+    error = dataset.error_total.mean("case").values
+    time, memory = (
+        dataset.ms_total.mean("case").values,
+        dataset.bytes_maps.mean("case").values / MIB,
+    )
+    rows = []
+    for mib in MEMORIES_MIB:
+        best = best_within(memory, error, 1.01 * mib)
+        if best is not None:
+            rows.append((f"{mib} MiB of maps", best))
+    if BASELINE in names:
+        base = time[names.index(BASELINE)]
+        for factor in TIMES:
+            best = best_within(time, error, factor * base)
+            if best is not None:
+                rows.append((f"{factor:g} x the time of {BASELINE} ({factor * base:.1f} ms)", best))
+    lines = [
+        f"<tr><td>{html.escape(budget)}</td><td>{html.escape(names[i])}</td>"
+        f"<td class='n'>{error[i]:.3%}</td><td class='n'>{time[i]:.1f}</td>"
+        f"<td class='n'>{memory[i]:.1f}</td></tr>"
+        for budget, i in rows
+    ]
+    return [
+        "<h2>At equal memory and at equal time</h2>",
+        f"<p>The least error within a budget, mean of {dataset.sizes['case']} case(s).</p>",
+        "<table><tr><th>budget</th><th>best</th><th>error</th><th>ms</th><th>MiB</th></tr>",
+        *lines,
+        "</table>",
+    ]
+
+
+def _families(names):
+    known = {technique.name: technique.family for technique in TECHNIQUES}
+    return [known.get(name, "others") for name in names]
+
+
+def _case(one, pictures, case):
+    names = [str(name) for name in one.technique.values]
+    families = _families(names)
+    error, time = one.error_total.values, one.ms_total.values
+    memory = one.bytes_maps.values / MIB
+    axes = [
+        ("time", time, error, "time of a frame [ms]", "mean error"),
+        ("memory", memory, error, "memory of the maps [MiB]", "mean error"),
+    ]
+    if "flicker" in one:
+        axes.append(("flicker", time, one.flicker.values, "time of a frame [ms]", "flicker"))
+    parts = [f"<h2 id='{html.escape(case)}'>{html.escape(case)}</h2>"]
+    for kind, costs, errors, cost_text, error_text in axes:
+        name = f"{_slug(case)}_{kind}.png"
+        pictures[name] = front_picture(
+            costs, errors, names, families,
+            title=f"{case}: {error_text} against {kind if kind != 'flicker' else 'time'}",
+            cost=cost_text, error=error_text,
+        )  # fmt: skip
+        alternative = f"{error_text} of every technique against {cost_text}"
+        parts.append(f"<p>{_image(pictures[name], alternative)}</p>")
+    parts += _table(one, names, error, time, memory)
+    parts += _crops(one, names, pictures, case)
+    return parts
+
+
+def _table(one, names, error, time, memory):
+    """Every technique by error, with what the next halving costs."""
+    halvings = next_halvings(time, error)
+    front = on_front(time, error)
+    causes = [
+        str(name)
+        for name in one.data_vars
+        if str(name).startswith("error_") and str(name) != "error_total"
+    ]
+    head = "".join(f"<th>{html.escape(name[6:].replace('_', ' '))}</th>" for name in causes)
+    flicker = "<th>flicker</th>" if "flicker" in one else ""
+    rows = []
+    for i in np.argsort(np.where(np.isfinite(error), error, np.inf), kind="stable"):
+        if not np.isfinite(error[i]):
+            status = str(one.message.values[i]) if "message" in one else "no numbers"
+            rows.append(
+                f"<tr><td>{html.escape(names[i])}</td><td colspan='{6 + len(causes)}'>"
+                f"{html.escape(status)}</td></tr>"
+            )
+            continue
+        next_one = halvings[i]
+        text = "none"
+        if next_one.index is not None:
+            text = f"{html.escape(names[next_one.index])}, {next_one.factor:.2g} x the time"
+        numbers = "".join(f"<td class='n'>{float(one[name].values[i]):.3%}</td>" for name in causes)
+        flickers = f"<td class='n'>{float(one.flicker.values[i]):.3%}</td>" if flicker else ""
+        rows.append(
+            f"<tr{' class=front' if front[i] else ''}><td>{html.escape(names[i])}</td>"
+            f"<td class='n'>{error[i]:.3%}</td>"
+            f"<td class='n'>{float(one.disagreement.values[i]):.3%}</td>{numbers}{flickers}"
+            f"<td class='n'>{time[i]:.1f}</td><td class='n'>{memory[i]:.1f}</td>"
+            f"<td>{text}</td></tr>"
+        )
+    return [
+        "<details open><summary>every technique, best first; <b>bold</b>: on the front of error "
+        "and time</summary>",
+        f"<table><tr><th>technique</th><th>error</th><th>wrong</th>{head}{flicker}<th>ms</th>"
+        "<th>MiB</th><th>cheapest with half the error</th></tr>",
+        *rows,
+        "</table></details>",
+    ]
+
+
+def _crops(one, names, pictures, case):
+    """The same spot under every technique: its mask and its error."""
+    if "crop" not in one:
+        return []
+    reference = one.crop_truth.values
+    name = f"{_slug(case)}_truth.png"
+    pictures[name] = crop_picture(reference)
+    parts = [
+        "<h3>The same spot</h3><p>Left the mask, right its error: "
+        "<span style='color:#0072B2'>blue</span> too bright, "
+        "<span style='color:#D55E00'>orange</span> too dark.</p>",
+        f"<figure>{_image(pictures[name], 'ray traced mask')}"
+        "<figcaption><b>ray traced</b></figcaption></figure>",
+    ]
+    for i, technique in enumerate(names):
+        mask = one.crop.values[i]
+        if not np.isfinite(mask).any():
+            continue
+        both = crop_picture(mask), error_crop_picture(mask, reference)
+        pictures[f"{_slug(case)}_{_slug(technique)}.png"] = both[0]
+        parts.append(
+            f"<figure>{_image(both[0], f'mask of {technique}')}"
+            f"{_image(both[1], f'error of {technique}')}"
+            f"<figcaption>{html.escape(technique)}: {float(one.error_total.values[i]):.2%}, "
+            f"{float(one.ms_total.values[i]):.0f} ms</figcaption></figure>"
+        )
+    return parts
+
+
+def _across(dataset):
+    """Techniques that differ from the baseline over the cases, and those that tie with it."""
+    names = [str(name) for name in dataset.technique.values]
+    if dataset.sizes["case"] < 2 or BASELINE not in names:
+        return []
+    error = dataset.error_total.transpose("case", "technique").values
+    base = error[:, names.index(BASELINE)]
+    groups = {"better": [], "no different": [], "worse": []}
+    for i, name in enumerate(names):
+        if name != BASELINE and np.isfinite(error[:, i]).all():
+            low, high = paired_interval(error[:, i], base)
+            verdict = "better" if high < 0.0 else "worse" if low > 0.0 else "no different"
+            groups[verdict].append(name)
+    rows = "".join(
+        f"<tr><td>{verdict}</td><td>{html.escape(', '.join(found)) or '–'}</td></tr>"
+        for verdict, found in groups.items()
+    )
+    return [
+        f"<h2>Against {BASELINE}, over all cases</h2><p>Two techniques differ only if the paired "
+        "difference of their errors exceeds its 95 % bootstrap interval.</p>",
+        f"<table>{rows}</table>",
+    ]
+
+
+def _hard_cases(path):
+    if path is None:
+        return []
+    link = html.escape(str(path), quote=True)
+    return [
+        "<h2>Hard cases</h2><p>What is easy to get wrong, with its worst figures and tolerances: "
+        f"<a href='{link}'>{link}</a>.</p>"
+    ]
+
+
+def _foot(dataset):
+    rows = "".join(
+        f"<tr><td>{html.escape(str(name))}</td><td>{html.escape(str(value))}</td></tr>"
+        for name, value in dataset.attrs.items()
+    )
+    return [f"<h2>How it was measured</h2><details><table>{rows}</table></details></html>\n"]
+
+
+def _image(data, alternative):
+    encoded = base64.b64encode(data).decode("ascii")
+    return (
+        f"<img alt='{html.escape(alternative, quote=True)}' src='data:image/png;base64,{encoded}'>"
+    )
+
+
+def _slug(text):
+    return "".join(c if c.isalnum() else "_" for c in text)

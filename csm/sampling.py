@@ -1,0 +1,213 @@
+"""How coarse a shadow map is against the picture, and what theory expects of that."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = [
+    "EdgeYardstick",
+    "edges_to_expect",
+    "expected_aliasing",
+    "output_of",
+    "pixels_per_texel",
+    "undersampling",
+]
+
+LIT = 0.5  # a mask of at least this counts as lit
+NO_CASCADE = 255
+
+
+def undersampling(frame, truth):
+    """How many pixels a texel of the shadow map covers, at its longest.
+
+    A step of one texel moves the shadow's sample along the surface; m is the largest stretch of
+    that map from texels to pixels (the largest singular value of its Jacobian), at most 1 where
+    the map is as fine as the picture. It grows without bound as the surface turns from the sun.
+    Texels are where `uvz_from_world` puts them, so a skewed light and a warp count as they are.
+
+    Parameters
+    ----------
+    frame : Frame
+        For `cascade_index`, `cascades` and the camera.
+    truth : Truth
+        For position and normal of the surfaces.
+
+    Returns
+    -------
+    m : (h, w) float64
+        Pixels per texel; NaN where no cascade was chosen or the surface does not face the sun.
+    """
+    jacobian = pixels_per_texel(frame, truth)
+    return _largest_singular_value(jacobian.reshape(-1, 2, 2)).reshape(jacobian.shape[:2])
+
+
+def pixels_per_texel(frame, truth):
+    """How a step of one texel in u and v moves the shadow's sample in the picture.
+
+    Parameters
+    ----------
+    frame : Frame
+        For `cascade_index`, `cascades` and the camera.
+    truth : Truth
+        For position and normal of the surfaces.
+
+    Returns
+    -------
+    jacobian : (h, w, 2, 2) float64
+        ``[..., x or y, u or v]``, pixels to the right and down; NaN where no cascade was chosen or
+        the surface does not face the sun.
+    """
+    index = output_of(frame, "cascade_index")
+    if index.shape != truth.mask.shape:
+        raise ValueError(
+            f"frame and truth must have one size (got {index.shape} and {truth.mask.shape})"
+        )
+    rows, columns = np.nonzero(truth.facing & (index != NO_CASCADE))
+    cascade = index[rows, columns]
+    point, normal = truth.position[rows, columns], truth.normal[rows, columns]
+    camera = truth.camera
+
+    # Gradients of u and v in texels; a step of one texel is what they are dual to in the surface.
+    uvz = np.asarray(frame.cascades.uvz_from_world)[cascade]
+    w = np.einsum("mk,mk->m", uvz[:, 3, :3], point) + uvz[:, 3, 3]
+    uv = (np.einsum("mak,mk->ma", uvz[:, :2, :3], point) + uvz[:, :2, 3]) / w[:, None]
+    gradient = (uvz[:, :2, :3] - uv[..., None] * uvz[:, 3:, :3]) / w[:, None, None]
+    gradient *= np.asarray(frame.cascades.map_size)[cascade][:, None, None]
+    across_v, across_u = (np.cross(gradient[:, k], normal) for k in (1, 0))
+    volume = np.einsum("mk,mk->m", gradient[:, 0], across_v)
+    step = np.stack([across_v, -across_u], axis=1) / volume[:, None, None]
+
+    width, height = camera.size
+    pixels = np.array([0.5 * width / camera.half_width, -0.5 * height / camera.half_height])
+    across = np.stack([camera.right, camera.up])
+    moved = np.einsum("aj,mkj->mak", across, step)
+    if not camera.orthographic:
+        # d(x / z) = (dx - (x / z) dz) / z
+        relative = point - camera.eye
+        depth = relative @ -camera.backward
+        slant = (relative @ across.T) / depth[:, None]
+        moved -= slant[:, :, None] * (step @ -camera.backward)[:, None, :]
+        moved /= depth[:, None, None]
+    jacobian = np.full((*index.shape, 2, 2), np.nan)
+    jacobian[rows, columns] = pixels[:, None] * moved
+    return jacobian
+
+
+def _largest_singular_value(matrices):
+    """Return it for (m, 2, 2): a turn and a reflection, each with its own scale, added up."""
+    a, b, c, d = np.moveaxis(matrices.reshape(-1, 4), 1, 0)
+    return 0.5 * (np.hypot(a + d, c - b) + np.hypot(a - d, c + b))
+
+
+@dataclass(frozen=True)
+class EdgeYardstick:
+    """What sampling alone is expected to get wrong along shadow edges.
+
+    Attributes
+    ----------
+    value : float
+        Expected disagreement, a share of the judged pixels; NaN without any.
+    edge_pairs : int
+        Neighbouring judged pixels on different sides of 0.5 in the truth.
+    judged_count : int
+        Below 100 the value means nothing.
+    """
+
+    value: float
+    edge_pairs: int
+    judged_count: int
+
+    def __float__(self):
+        return self.value
+
+
+def expected_aliasing(frame, truth, judged):
+    """Share of the judged pixels that texels of this size and place are expected to misjudge.
+
+    An edge is displaced by what lies between a point and its texel's centre, anywhere within half
+    a texel along u and v. With a = Jᵀn, the edge's normal n in the picture taken back to texels,
+    the mean of |n . J d| over that square is ``max/4 + min²/(12 max)`` of |a_u| and |a_v|: a
+    quarter of a texel for an edge along an axis, 0.236 for a diagonal one. Lengths are summed over
+    neighbouring pixels that the edge separates, those in a row weighted by |n_x| and those in a
+    column by |n_y|.
+
+    Parameters
+    ----------
+    frame : Frame
+    truth : Truth
+        The point sun's visibility counts.
+    judged : (h, w) bool
+
+    Returns
+    -------
+    share : float
+        NaN where nothing is judged.
+    """
+    count = np.count_nonzero(judged)
+    if not count:
+        return float("nan")
+    lit = np.asarray(truth.mask_point) >= LIT
+    jacobian = pixels_per_texel(frame, truth)
+    slope_y, slope_x = np.gradient(_smoothed(lit.astype(float)))
+    expected = 0.0
+    for one, other, axis in (
+        (np.s_[:, :-1], np.s_[:, 1:], 0),
+        (np.s_[:-1, :], np.s_[1:, :], 1),
+    ):
+        edge = judged[one] & judged[other] & (lit[one] != lit[other])
+        normal = np.stack([(slope[one] + slope[other])[edge] for slope in (slope_x, slope_y)], -1)
+        length = np.linalg.norm(normal, axis=-1, keepdims=True)
+        normal /= np.where(length > 0.0, length, 1.0)
+        taken = 0.5 * (jacobian[one] + jacobian[other])[edge]
+        texels = np.sort(np.abs(np.einsum("ma,mak->mk", normal, taken)), axis=1)
+        least, most = texels.T
+        with np.errstate(divide="ignore", invalid="ignore"):
+            mean = np.where(most > 0.0, most / 4.0 + least**2 / (12.0 * most), 0.0)
+        expected += float((mean * np.abs(normal[:, axis])).sum())
+    return expected / count
+
+
+def _smoothed(values):
+    """Binomial mean over 5 x 5 pixels: the direction of an edge of pixels, not of a stair."""
+    padded = np.pad(values, 2, mode="edge")
+    rows = sum(w * padded[k : k + values.shape[0]] for k, w in enumerate((1, 4, 6, 4, 1)))
+    return sum(w * rows[:, k : k + values.shape[1]] for k, w in enumerate((1, 4, 6, 4, 1))) / 256.0
+
+
+def edges_to_expect(frame, truth, judged, largest):
+    """Expected disagreement over judged pixels; see `csm.metrics.edge_yardstick`.
+
+    Parameters
+    ----------
+    frame : Frame
+    truth : Truth
+    judged : (h, w) bool
+    largest : float
+        Cap of m [pixels per texel].
+
+    Returns
+    -------
+    yardstick : EdgeYardstick
+    """
+    m = np.minimum(undersampling(frame, truth), largest)
+    lit = truth.mask >= LIT
+    expected, pairs = 0.0, 0
+    for one, other in (
+        (np.s_[:, :-1], np.s_[:, 1:]),
+        (np.s_[:-1, :], np.s_[1:, :]),
+    ):
+        edge = judged[one] & judged[other] & (lit[one] != lit[other])
+        pairs += int(np.count_nonzero(edge))
+        expected += float((0.5 * (m[one] + m[other]))[edge].sum()) * (np.pi / 4.0) / 4.0
+    count = int(np.count_nonzero(judged))
+    return EdgeYardstick(expected / count if count else float("nan"), pairs, count)
+
+
+def output_of(frame, name):
+    """Return an output of a frame, or say how to get it."""
+    try:
+        return np.asarray(getattr(frame, name))
+    except AttributeError as error:
+        raise ValueError(
+            f"the frame's {name} is needed: ask for it with outputs ({error})"
+        ) from error

@@ -1,0 +1,129 @@
+"""Times that can be trusted: warmed up, taken in turns, given as medians with quartiles.
+
+A first frame compiles, allocates and faults pages in; a frame after another technique's finds
+neither its textures nor its caches. Neither is what the technique costs, and a mean of cold and
+warm frames is nothing at all. So before every frame that counts goes one that does not, techniques
+take turns so that what drifts meets all of them, and rounds go on until the quartiles are close.
+"""
+
+import math
+import re
+
+import numpy as np
+
+__all__ = [
+    "HOST",
+    "LEAST",
+    "MOST",
+    "SPREAD",
+    "by_pass",
+    "in_turns",
+    "is_settled",
+    "quartiles",
+    "total_ms",
+]
+
+LEAST = 5  # frames that count, at least
+MOST = 50  # and at most
+SPREAD = 0.10  # quartiles lie within this share of the median
+HOST = "host"  # of the call, what lies outside of all passes
+NOT_COUNTED = ("readback", HOST)  # the measurement's own, and what an engine does otherwise
+
+
+def by_pass(timings_ms):
+    """Times of a frame by pass, its cascades added up.
+
+    Parameters
+    ----------
+    timings_ms : mapping of str to float
+        `Frame.timings_ms`: ``shadow_map_0``, ``shadow_map_1`` …
+
+    Returns
+    -------
+    by_pass : dict of str to float
+        ``shadow_map`` … [ms], in order.
+    """
+    summed = {}
+    for name, value in timings_ms.items():
+        stem = re.sub(r"_\d+$", "", name)
+        summed[stem] = summed.get(stem, 0.0) + value
+    return summed
+
+
+def total_ms(passes):
+    """Sum of the passes of a frame [ms], without ``readback`` and ``host``."""
+    return math.fsum(value for name, value in passes.items() if name not in NOT_COUNTED)
+
+
+def quartiles(samples):
+    """Median, first and third quartile of samples, as a list of floats."""
+    first, median, third = np.percentile(np.asarray(samples, float), (25, 50, 75))
+    return [float(median), float(first), float(third)]
+
+
+def is_settled(samples, repeats=None):
+    """Whether there are samples enough.
+
+    Parameters
+    ----------
+    samples : sequence of float
+        Totals so far [ms].
+    repeats : int, optional
+        So many and no more; by default at least 5, until both quartiles lie within 10 % of the
+        median or there are 50.
+
+    Returns
+    -------
+    settled : bool
+    """
+    if repeats is not None:
+        return len(samples) >= repeats
+    if len(samples) < LEAST:
+        return False
+    if len(samples) >= MOST:
+        return True
+    median, first, third = quartiles(samples)
+    return max(median - first, third - median) <= SPREAD * median
+
+
+def in_turns(jobs, frame_times, *, repeats=None, stopped=lambda: False):
+    """Time jobs round by round; each is handed over when its times have settled.
+
+    Parameters
+    ----------
+    jobs : sequence
+        What is timed.
+    frame_times : callable
+        Takes a job, renders it once, returns its `Frame.timings_ms`.
+    repeats : int, optional
+        As in `is_settled`.
+    stopped : callable
+        Asked before every job; True ends it all.
+
+    Yields
+    ------
+    job
+    samples : list of dict of str to float, or an Exception
+        Times by pass [ms] of the frames that count; or what the job failed with, after which it is
+        left out.
+    """
+    samples = {number: [] for number in range(len(jobs))}
+    last = None
+    while samples:
+        for number in list(samples):
+            if stopped():
+                return
+            taken = samples[number]
+            try:
+                if last != number:  # cold, or cooled by another
+                    frame_times(jobs[number])
+                taken.append(by_pass(frame_times(jobs[number])))
+            except Exception as error:  # a job's failure is its result
+                del samples[number]
+                yield jobs[number], error
+                continue
+            finally:
+                last = number
+            if is_settled([total_ms(passes) for passes in taken], repeats):
+                del samples[number]
+                yield jobs[number], taken

@@ -1,0 +1,125 @@
+"""Edges in their place, penumbrae of the sun's width, texels that somebody looks at."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import csm
+from csm import measures
+
+pytest.importorskip("embreex", reason="measures compare with the truth (extra: truth)")
+
+SCENE = csm.scenes.plane_and_box()
+# straight down at the shadow of the box: 1 m is 16 pixels
+ABOVE = csm.Camera.orthographic(
+    (-3, 20, 0), (-3, 0, 0), up=(0, 0, -1), height=6, near=1, far=40, size=(128, 96)
+)
+DIAGONAL = csm.Sun((1, 1, 0))
+
+
+@dataclasses.dataclass
+class Shown:
+    """A frame whose mask is given."""
+
+    mask: np.ndarray
+    frame: object
+
+    def __getattr__(self, name):
+        return getattr(self.frame, name)
+
+
+@pytest.fixture(scope="module")
+def truth():
+    return csm.truth(SCENE, ABOVE, DIAGONAL)
+
+
+@pytest.fixture
+def frame(renderer):
+    settings = csm.ShadowSettings(map_size=512, cascade_count=2)
+    outputs = ("mask", "valid", "cascade_index")
+    return renderer.render(SCENE, ABOVE, DIAGONAL, settings, outputs=outputs)
+
+
+def test_an_edge_moved_by_five_pixels_is_five_pixels_away(frame, truth):
+    still = measures.boundary_distance(Shown(truth.mask, frame), truth)
+    assert still.mean == still.largest == 0.0
+    assert len(still.from_mask) == len(still.from_truth) > 50
+    # the shadow's outline is a rectangle: its sides parallel to z move by 5 pixels, the others stay
+    moved = np.roll(truth.mask, -5, axis=1)
+    shown = measures.boundary_distance(Shown(moved, frame), truth)
+    assert np.percentile(shown.from_mask, 30) == 0.0
+    assert shown.largest == pytest.approx(5.0, abs=1.0)
+    assert 0.5 < shown.mean < 5.0
+
+
+def test_a_lost_shadow_is_seen_from_the_truth_alone(frame, truth):
+    lost = measures.boundary_distance(Shown(np.ones_like(truth.mask), frame), truth)
+    assert len(lost.from_mask) == 0
+    assert np.isinf(lost.from_truth).all()
+    assert lost.largest == np.inf
+
+
+def test_rendered_edges_lie_within_a_texel(frame, truth):
+    """A nearest compare displaces an edge by half a texel at most, and a pixel's own half."""
+    distances = measures.boundary_distance(frame, truth)
+    pixel = 6.0 / 96
+    # 45 degrees: a texel is sqrt(2) long on the ground
+    texel = frame.cascades.texel_size.max() * np.sqrt(2.0) / pixel
+    assert distances.percentile_95 <= 0.5 * np.sqrt(2.0) * texel + 1.0
+
+
+@pytest.mark.parametrize("blur", [1.0, 2.0])
+def test_penumbrae_of_the_suns_disc_are_told_from_wider_ones(frame, blur):
+    sun = csm.Sun(DIAGONAL.to_light, 8.0)
+    soft = csm.truth(SCENE, ABOVE, sun, rays_per_pixel=256)
+    disc = dataclasses.replace(soft, sun=DIAGONAL)
+    twin = csm.Sun(DIAGONAL.to_light, 8.0 * blur)
+    other = csm.truth(SCENE, ABOVE, twin, rays_per_pixel=256)
+    error = measures.penumbra_error(Shown(other.mask, frame), disc)
+    if blur == 1.0:
+        assert error.root_mean_square == 0.0
+        assert error.bias == 0.0
+        assert error.width_ratio == 1.0
+    else:
+        # the lit side's penumbra ends at the box: a bit less than twice
+        assert 1.6 < error.width_ratio < 2.1
+        assert error.root_mean_square > 0.05
+    assert error.pixel_count > 300
+
+
+def test_a_point_sun_has_no_penumbra_to_judge(frame, truth):
+    with pytest.raises(ValueError, match="soft truth"):
+        measures.penumbra_error(frame, truth)
+
+
+def test_texels_are_counted_by_brute_force(frame, truth):
+    use = measures.texel_use(frame, truth)
+    judged = csm.compare(frame, truth).judged
+    sizes = frame.cascades.map_size
+    for i in range(2):
+        found = set()
+        for point in truth.position[judged & (frame.cascade_index == i)]:
+            u, v, _, w = frame.cascades.uvz_from_world[i] @ (*point, 1.0)
+            found.add((int(u / w * sizes[i]), int(v / w * sizes[i])))
+        assert use.used[i] == len(found)
+        assert use.utilisation[i] == len(found) / sizes[i] ** 2
+    assert np.allclose(use.wasted, 1.0 - use.utilisation)
+    assert use.receivers.sum() == pytest.approx(1.0)
+
+
+def test_texels_per_pixel_on_the_ground_are_a_ratio_of_areas(frame, truth):
+    """Seen straight down under 45 degrees: a texel's shade is t * t * sqrt(2), a pixel a square."""
+    use = measures.texel_use(frame, truth)
+    ground = csm.compare(frame, truth).judged & (truth.normal[..., 1] > 0.99)
+    ground &= truth.position[..., 1] < 0.01
+    pixel = 6.0 / 96
+    for i in range(2):
+        own = ground & (frame.cascade_index == i)
+        if own.any():
+            t = frame.cascades.texel_size[i]
+            assert np.allclose(use.texels_per_pixel[own], pixel**2 / (t.prod() * np.sqrt(2.0)))
+            assert np.allclose(use.coarsest[own], t.max() * np.sqrt(2.0) / pixel)
+    shares = use.histogram([0.5, 1.0, 2.0])
+    assert shares.sum() == pytest.approx(1.0)
+    assert len(shares) == 4
