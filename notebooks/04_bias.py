@@ -213,7 +213,7 @@ best = {
 }
 print(f"without any: {best.pop('none').disagreement:.0%} wrong")
 _, ax = plt.subplots(figsize=(7, 3.2), layout="constrained")
-for part, left, colour in (("false_shadow", None, 0), ("false_light", "false_shadow", 1)):
+for part, left, colour in (("too_dark", None, 0), ("too_bright", "too_dark", 1)):
     widths = [100 * report.mean[part] for report in best.values()]
     starts = [100 * report.mean[left] if left else 0 for report in best.values()]
     label = part.replace("_", " ")
@@ -246,7 +246,7 @@ for (name, settings), colour in zip(
     strict=False,
 ):
     kernels[name] = [
-        100 * judged(settings.replace(filter="pcf", filter_size=k)).mean["false_shadow"]
+        100 * judged(settings.replace(filter="pcf", filter_size=k)).mean["too_dark"]
         for k in sizes
     ]
     ax.plot(sizes, kernels[name], "o-", color=colour, label=name)
