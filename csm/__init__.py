@@ -13,6 +13,7 @@ from .metrics import ErrorReport, compare
 from .motion import FlickerReport, flicker
 from .plans import Plan, plan
 from .renderer import Renderer, backends
+from .reports import report
 from .scene import Camera, Mesh, Scene, Sun
 from .settings import ShadowSettings
 from .splits import split_distances
@@ -55,6 +56,7 @@ __all__ = [
     "plot",
     "read_check",
     "repeat_point",
+    "report",
     "scenes",
     "split_distances",
     "sweep",

@@ -25,6 +25,7 @@ from .hard_cases import CASES, NO_BACKEND, collect, find_tests, missing, page, t
 from .metrics import compare, edge_yardstick
 from .progress import Progress
 from .renderer import Renderer, backends
+from .report_command import REPORT_EXAMPLES, REPORT_HELP, add_report_options, run_report
 from .results import (
     BY_SIGN,
     LANDSCAPE,
@@ -166,6 +167,15 @@ def _parser():
     )
     add_sweep_options(sweeping)
     sweeping.set_defaults(run=run_sweep)
+    reporting = commands.add_parser(
+        "report",
+        help="the page about what accuracy costs in time, on scenes of yours",
+        description=REPORT_HELP,
+        epilog=REPORT_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_report_options(reporting)
+    reporting.set_defaults(run=run_report)
     cases = commands.add_parser(
         "hard-cases",
         help="run the tests of what is easy to get wrong; a table and a page of their figures",

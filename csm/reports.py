@@ -64,6 +64,7 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     pictures = {}
+    dataset = dataset.transpose("case", "technique", ...)
     parts = [*_head(dataset, title), *_summary(dataset)]
     for case in dataset.case.values:
         parts += _case(dataset.sel(case=case), pictures, str(case))

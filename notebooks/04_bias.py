@@ -246,8 +246,7 @@ for (name, settings), colour in zip(
     strict=False,
 ):
     kernels[name] = [
-        100 * judged(settings.replace(filter="pcf", filter_size=k)).mean["too_dark"]
-        for k in sizes
+        100 * judged(settings.replace(filter="pcf", filter_size=k)).mean["too_dark"] for k in sizes
     ]
     ax.plot(sizes, kernels[name], "o-", color=colour, label=name)
 ax.set(xlabel="side of the kernel [texels]", ylabel="false shadow [%]")

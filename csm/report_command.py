@@ -1,0 +1,144 @@
+"""The subcommand `csm report`: techniques swept over scenes, and the page about them."""
+
+import sys
+
+from .arguments import find_camera, find_scene, find_sun, parse_folder, parse_size
+from .progress import Progress
+from .report_runs import with_crops_and_flicker
+from .reports import report
+from .results import check_folder
+from .sweeps import sweep
+from .techniques import FAMILIES, TECHNIQUES
+
+__all__ = ["REPORT_EXAMPLES", "REPORT_HELP", "add_report_options", "run_report"]
+
+REPORT_HELP = """\
+Measure every technique of the literature on scenes of yours and write one page, report.html, that
+needs no other file: error against time and memory with what nothing beats, what the next halving
+of the error costs, the least error within a budget, flicker, and the same spot under every
+technique beside the ray-traced truth.
+
+SCENE is a file or the name of a made scene; SCENE:CAMERA:SUN picks a camera and a sun of it by
+name, otherwise its first ones count. Called again with the same folder it goes on where it was.
+"""
+
+REPORT_EXAMPLES = """\
+examples:
+  csm report town --out report
+  csm report town.glb:street:morning forest --size 640x360 --out report
+  csm report town --families prefiltered,soft --out report
+"""
+
+REPEATS = 5
+
+
+def add_report_options(command):
+    """Add the options of `csm report` to its parser."""
+    add = command.add_argument
+    add("scenes", metavar="SCENE", nargs="+", help="a file or a made scene, or SCENE:CAMERA:SUN")
+    add("--out", metavar="DIR", required=True, help="folder for the page, made if new")
+    add("--size", default="960x540", metavar="WxH", help="of every picture (default 960x540)")
+    add(
+        "--families",
+        metavar="A,B",
+        help=f"only these families of techniques: {', '.join(FAMILIES)}",
+    )
+    add(
+        "--causes",
+        action="store_true",
+        help="errors by cause too; a ray per pixel and texel of every kernel",
+    )
+    add(
+        "--repeats",
+        type=int,
+        default=REPEATS,
+        metavar="N",
+        help=f"frames timed of each technique (default {REPEATS})",
+    )
+    add("--hard-cases", metavar="FILE", help="hard_cases.html to be linked to")
+    add("--backend", choices=("auto", "egl", "osmesa", "glfw"), default="auto")
+    add("--quiet", action="store_true", help="no progress on stderr")
+
+
+def chosen_techniques(families):
+    """Settings of the techniques of some families, or of all.
+
+    Parameters
+    ----------
+    families : str or None
+        Names separated by commas; the baseline is always among them.
+
+    Returns
+    -------
+    settings : dict of str to dict
+
+    Raises
+    ------
+    ValueError
+        If a name is no family.
+    """
+    names = FAMILIES if families is None else [one.strip() for one in families.split(",")]
+    for name in names:
+        if name not in FAMILIES:
+            raise ValueError(f"--families may name {', '.join(FAMILIES)} (got {name!r})")
+    return {
+        one.name: dict(one.settings)
+        for number, one in enumerate(TECHNIQUES)
+        if one.family in names or number == 0
+    }
+
+
+def find_case(text, size):
+    """Scene, camera and sun of ``SCENE[:CAMERA[:SUN]]``.
+
+    Parameters
+    ----------
+    text : str
+    size : (int, int)
+        Of the camera.
+
+    Returns
+    -------
+    name : str
+    case : (Scene, Camera, Sun)
+    """
+    source, _, rest = text.partition(":")
+    camera, _, sun = rest.partition(":")
+    scene = find_scene(source)
+    camera_name, found_camera = find_camera(scene, camera or None, size)
+    sun_name, found_sun = find_sun(scene, sun or None)
+    stem = source.rsplit("/", 1)[-1].rsplit(".", 1)[0]
+    return f"{stem}, {camera_name}, {sun_name}", (scene, found_camera, found_sun)
+
+
+def run_report(options):
+    """Run the subcommand."""
+    folder, size = parse_folder(options.out), parse_size(options.size)
+    techniques = chosen_techniques(options.families)
+    check_folder(folder)
+    progress = Progress(quiet=options.quiet)
+    with progress.stage("loading"):
+        cases = dict(find_case(text, size) for text in options.scenes)
+    with progress.stage(f"sweeping {len(techniques)} techniques over {len(cases)} case(s)") as go:
+        dataset = sweep(
+            cases,
+            {"technique": techniques},
+            out=folder / "sweep",
+            size=size,
+            repeats=options.repeats,
+            causes=CAUSES_SHOWN if options.causes else None,
+            backend=options.backend,
+            progress=go,
+        )
+    with progress.stage("crops and flicker") as advance:
+        dataset = with_crops_and_flicker(dataset, cases, backend=options.backend, advance=advance)
+    with progress.stage("writing"):
+        page = report(dataset, out=folder, hard_cases=options.hard_cases)
+    if not options.quiet:
+        print(page, file=sys.stdout)
+    return 0
+
+
+CAUSES_SHOWN = (
+    "total", "aliasing", "penumbra", "false_shadow", "peter_panning", "light_leak", "seam",
+)  # fmt: skip
