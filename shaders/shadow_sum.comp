@@ -1,15 +1,20 @@
-// shadow_sum.comp: a step towards summed areas.
+// shadow_sum.comp: sums along whole rows or columns, an invocation a line. The fragments of texels_sum.glsl come to the
+// same sums by steps: whole numbers have no order.
 #include "include/texels_sum.glsl"
 #include "include/texel_target.glsl"
 
-layout(local_size_x = 8, local_size_y = 8) in;
-
-layout(location = 2) uniform int written; // texels along a side
+layout(local_size_x = 64) in;
 
 void main()
 {
-    ivec2 texel = ivec2(gl_GlobalInvocationID.xy);
-    if (max(texel.x, texel.y) < written) {
-        store_texel(texel, summed(texel));
+    int line = int(gl_GlobalInvocationID.x);
+    if (line < place.z) {
+        ivec2 texel = line * (ivec2(1) - stride);
+        uvec4 sum = uvec4(0u);
+        for (int i = 0; i < place.z; i++) {
+            sum += texelFetch(source, ivec3(texel, place.y), 0);
+            store_texel(texel, sum);
+            texel += stride;
+        }
     }
 }

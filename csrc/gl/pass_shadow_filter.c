@@ -8,7 +8,8 @@
 
 #include <stdlib.h>
 
-#define GROUP 8 /* invocations along a side of a work group: shadow_*.comp */
+#define GROUP 8       /* invocations along a side of a work group: shadow_*.comp */
+#define LINE_GROUP 64 /* lines of a work group: shadow_sum.comp */
 
 enum { UNIT_SOURCE = 4, UNIT_SAMPLES = 5 };
 enum { UNIFORM_PLACE, UNIFORM_STEP, UNIFORM_WRITTEN };
@@ -35,17 +36,26 @@ static int filled_size(const csm_frame *frame, int size) {
                                     : size;
 }
 
+static bool in_compute(const csm_frame *frame) {
+    return frame->settings.effects[CSM_EFFECT_STAGE] == CSM_STAGE_COMPUTE;
+}
+
+static void dispatch_to(csm_frame *frame, filter_texture out, int across, int along) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    gl->BindImageTexture(IMAGE_TARGET, out.texture, 0, GL_FALSE, out.layer, GL_WRITE_ONLY,
+                         csm_format_named(frame->moments.format));
+    gl->DispatchCompute((GLuint)across, (GLuint)along, 1);
+    gl->MemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT |
+                      GL_FRAMEBUFFER_BARRIER_BIT);
+}
+
 static void run_on_texels(csm_frame *frame, filter_texture out, int size) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    if (frame->settings.effects[CSM_EFFECT_STAGE] == CSM_STAGE_COMPUTE) {
-        const GLuint groups = (GLuint)((size + GROUP - 1) / GROUP);
-        gl->BindImageTexture(IMAGE_TARGET, out.texture, 0, GL_FALSE, out.layer, GL_WRITE_ONLY,
-                             csm_format_named(frame->moments.format));
+    if (in_compute(frame)) {
+        const int groups = (size + GROUP - 1) / GROUP;
         gl->Uniform1i(UNIFORM_WRITTEN, size);
-        gl->DispatchCompute(groups, groups, 1);
-        gl->MemoryBarrier(GL_TEXTURE_FETCH_BARRIER_BIT | GL_SHADER_IMAGE_ACCESS_BARRIER_BIT |
-                          GL_FRAMEBUFFER_BARRIER_BIT);
+        dispatch_to(frame, out, groups, groups);
         return;
     }
     gl->NamedFramebufferTextureLayer(renderer->filter_framebuffer, GL_COLOR_ATTACHMENT0,
@@ -85,15 +95,20 @@ csm_status csm_pass_shadow_moments(csm_frame *frame, int cascade, csm_error *err
     return status;
 }
 
-/* One step from a texture to another: reads around each texel along an axis, of size texels along a
- * side; what is written beyond them repeats the last. */
-static void run_along(csm_frame *frame, filter_texture from, filter_texture to, int size,
-                      int written, int axis, int step, int cascade) {
+static void read_along(csm_frame *frame, filter_texture from, int size, int axis, int step,
+                       int cascade) {
     const GladGLContext *gl = &frame->renderer->gl;
     gl->BindTextureUnit(UNIT_SOURCE, from.texture);
     gl->BindSampler(UNIT_SOURCE, frame->renderer->nearest_sampler);
     gl->Uniform4i(UNIFORM_PLACE, cascade, from.layer, size, 0);
     gl->Uniform2i(UNIFORM_STEP, axis == 0 ? step : 0, axis == 1 ? step : 0);
+}
+
+/* One step from a texture to another: reads around each texel along an axis, of size texels along a
+ * side; what is written beyond them repeats the last. */
+static void run_along(csm_frame *frame, filter_texture from, filter_texture to, int size,
+                      int written, int axis, int step, int cascade) {
+    read_along(frame, from, size, axis, step, cascade);
     run_on_texels(frame, to, written);
 }
 
@@ -120,9 +135,9 @@ csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err) {
     return status;
 }
 
-/* Every step adds the eight sums that end 0 to 7 strides before a texel; strides grow eightfold,
- * until one step has seen the whole row. As many steps along y as along x: the sums end up where
- * the texels were. */
+/* In compute an invocation sums up a whole line. Of fragments every step adds the eight sums that
+ * end 0 to 7 strides before a texel; strides grow eightfold, until one step has seen the whole row.
+ * As many steps along y as along x: the sums end up where the texels were. */
 csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const int size = frame->settings.map_size[cascade];
@@ -135,8 +150,14 @@ csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err) {
     csm_timer_start(renderer);
     filter_texture from = moments_of(frame, cascade, 0), to = between(frame);
     for (int axis = 0; axis < 2; axis++) {
-        for (int stride = 1; stride < size; stride *= 8) {
-            run_along(frame, from, to, size, size, axis, stride, cascade);
+        const int strides = in_compute(frame) ? 1 : size - 1;
+        for (int stride = 1; stride <= strides; stride *= 8) {
+            read_along(frame, from, size, axis, stride, cascade);
+            if (in_compute(frame)) {
+                dispatch_to(frame, to, (size + LINE_GROUP - 1) / LINE_GROUP, 1);
+            } else {
+                run_on_texels(frame, to, size);
+            }
             const filter_texture swap = from;
             from = to;
             to = swap;
