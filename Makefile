@@ -3,6 +3,8 @@
 
 PYTHON_VENV := .venv/bin/python
 PYTEST_ARGS ?=
+# As many at once as there are cores; PYTEST_WORKERS=0 for one process, as a debugger needs.
+PYTEST_WORKERS ?= $(shell nproc 2>/dev/null || echo 2)
 HARD_CASES_ARGS ?=
 C_FILES = $(shell find csrc benchmarks -name '*.[ch]')
 # GLFW needs a display; without one, a virtual one is enough.
@@ -28,10 +30,10 @@ demo: setup
 	@scripts/demo.sh
 
 test: setup
-	@$(DISPLAYED) $(PYTHON_VENV) -m pytest $(PYTEST_ARGS)
+	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -n $(PYTEST_WORKERS) $(PYTEST_ARGS)
 
 slow: setup
-	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -m 'slow or not slow' $(PYTEST_ARGS)
+	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -n $(PYTEST_WORKERS) -m 'slow or not slow' $(PYTEST_ARGS)
 
 hard-cases: setup
 	@$(DISPLAYED) $(PYTHON_VENV) -m csm hard-cases --out hard-cases $(HARD_CASES_ARGS)
