@@ -39,7 +39,7 @@ WHOLE = {
     "layer_count": (4, 2),
     "fourier_terms": (4, 2),
 }
-SIZES = {True: 64, False: (64, 57, 48)}  # of maps, equal or not; wider than any kernel
+SIZES = {True: 96, False: (96, 89, 80)}  # of maps, equal or not; wider than any kernel
 EQUAL = "equal sizes"
 
 BLURRED = ("vsm", "evsm2", "evsm4", "esm", "msm", "lvsm", "fourier")
