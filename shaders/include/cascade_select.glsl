@@ -202,6 +202,11 @@ map_receiver in_map(receiver point, candidate chosen)
 #else
     at.slope = level_slope(chosen);
 #endif
+#if CSM_PREFILTERED
+    // Under selection by slice a receiver may lie outside of the map's depths: behind all that the map holds, or before
+    // it. Means have no more to tell there than at the ends, and powers beyond them overflow.
+    at.z = clamp(at.z, 0.0, 1.0);
+#endif
     at.level = level_slope(chosen);
     at.density = chosen.density;
     at.scale = chosen.scale;
