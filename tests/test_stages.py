@@ -34,7 +34,7 @@ CASES = {
         "lookup": "trilinear",
         "gradients": "analytic",
         "plane": "derivatives",
-    },  # fmt: skip
+    },
     "one size of blur in metres": {"filter": "evsm2", "kernel": "world", "filter_weights": "tent"},
     "warped": {"filter": "pcf", "warp": "lispsm", "blend": "smooth"},
     "dithered": {"filter": "poisson", "rotated": True, "blend": "dither", "fade_width": 0.5},
