@@ -168,7 +168,7 @@ enum { CSM_MOMENTS_FLOAT32, CSM_MOMENTS_FLOAT16, CSM_MOMENTS_UNORM16 };
 enum { CSM_LOOKUP_BILINEAR, CSM_LOOKUP_TRILINEAR, CSM_LOOKUP_ANISOTROPIC };
 enum { CSM_GRADIENTS_HARDWARE, CSM_GRADIENTS_QUAD, CSM_GRADIENTS_ANALYTIC };
 enum { CSM_PLANE_NORMAL, CSM_PLANE_DERIVATIVES };
-enum { CSM_STEPS_NONE, CSM_STEPS_ANALYTIC, CSM_STEPS_DIFFERENCES };
+enum { CSM_STEPS_NONE, CSM_STEPS_ANALYTIC, CSM_STEPS_DIFFERENCES, CSM_STEPS_BOTH };
 enum { CSM_BLEND_NONE, CSM_BLEND_LINEAR, CSM_BLEND_SMOOTH, CSM_BLEND_DITHER };
 enum { CSM_BIAS_AUTO, CSM_BIAS_MANUAL };
 enum { CSM_BIAS_RECEIVER, CSM_BIAS_CASTER };
@@ -201,8 +201,8 @@ csm_settings csm_settings_default(void);
 csm_status csm_settings_validate(const csm_settings *settings, csm_error *err);
 
 /* Zero (or default) what another value makes meaningless, so that equal pictures share programs:
- * filter_size unless pcf, lam unless practical, biases under auto, everything of the maps under
- * filter "none". settings must be valid. */
+ * settings of other filters, lam unless practical or sdsm, biases under auto, everything of the
+ * maps under filter "none". Effects without a name are derived. settings must be valid. */
 void csm_settings_canonical(csm_settings *settings);
 
 /* The part of it that concerns where cascades lie and what they draw. */

@@ -29,6 +29,12 @@ CASES = {
     "pcss summed": {"filter": "pcss", "pcss_map": "summed"},
     "samples": {"filter": "vsm", "samples": 4, "moment_format": "float16"},
     "anisotropic": {"filter": "evsm4", "lookup": "anisotropic", "gradients": "analytic"},
+    "both steps": {
+        "filter": "evsm4",
+        "lookup": "trilinear",
+        "gradients": "analytic",
+        "plane": "derivatives",
+    },
     "one size of blur in metres": {"filter": "evsm2", "kernel": "world", "filter_weights": "tent"},
     "warped": {"filter": "pcf", "warp": "lispsm", "blend": "smooth"},
     "dithered": {"filter": "poisson", "rotated": True, "blend": "dither", "fade_width": 0.5},

@@ -250,9 +250,11 @@ static void canonical_steps(csm_settings *settings) {
     const bool looked_up = effects[CSM_EFFECT_LOOKUP] != CSM_LOOKUP_BILINEAR;
     const bool analytic = effects[CSM_EFFECT_GRADIENTS] == CSM_GRADIENTS_ANALYTIC;
     const bool planes = effects[CSM_EFFECT_PLANE] == CSM_PLANE_DERIVATIVES;
-    effects[CSM_EFFECT_STEPS] = planes || (looked_up && !analytic) ? CSM_STEPS_DIFFERENCES
-                                : looked_up                        ? CSM_STEPS_ANALYTIC
-                                                                   : CSM_STEPS_NONE;
+    const bool footprints = looked_up && analytic;
+    effects[CSM_EFFECT_STEPS] = planes && footprints                 ? CSM_STEPS_BOTH
+                                : planes || (looked_up && !analytic) ? CSM_STEPS_DIFFERENCES
+                                : footprints                         ? CSM_STEPS_ANALYTIC
+                                                                     : CSM_STEPS_NONE;
 }
 
 static void canonical_transitions(csm_settings *settings) {

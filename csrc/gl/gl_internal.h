@@ -198,7 +198,7 @@ typedef struct csm_frame_uniforms {
     float blend[4];   /* share of half a map; depth where shadows end; 1 / width of the fade;
                          tangent of the sun's angular radius */
     float moments[4]; /* exponents of the positive and negative warp; least variance; bias */
-    float bleed[4];   /* step; 1 / (1 - step); power; texel's part of summed areas */
+    float bleed[4];   /* step; 1 / (1 - step); power; steps of summed areas to the range */
 } csm_frame_uniforms;
 
 _Static_assert(sizeof(csm_frame_uniforms) ==
@@ -340,7 +340,7 @@ csm_status csm_pass_shadow_moments(csm_frame *frame, int cascade, csm_error *err
 csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err);
 csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err);
 csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err);
-void csm_moments_read(csm_frame *frame, int cascade, float *out);
+csm_status csm_moments_read(csm_frame *frame, int cascade, float *out, csm_error *err);
 
 /* pass_shadow_map.c: attaches the map of a cascade to the map framebuffer; the texture and place
  * casters are drawn into. */

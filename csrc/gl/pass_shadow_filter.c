@@ -178,12 +178,12 @@ csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err) {
 
 /* A texel of summed areas, of 32 bits that wrap around: what the texel itself added, as depth from
  * -1/2 to 1/2 and its square. */
-static void read_sums(csm_frame *frame, int size, float *out) {
+static bool read_sums(csm_frame *frame, int size, float *out) {
     const GladGLContext *gl = &frame->renderer->gl;
     const double step = 1.0 / (double)(float)frame->moments.sum_steps;
     uint32_t *sums = malloc((size_t)size * (size_t)size * 2 * sizeof *sums);
     if (!sums) {
-        return; /* the caller's array stays as it was made */
+        return false;
     }
     gl->ReadPixels(0, 0, size, size, GL_RG_INTEGER, GL_UNSIGNED_INT, sums);
     for (int y = 0; y < size; y++) {
@@ -200,34 +200,46 @@ static void read_sums(csm_frame *frame, int size, float *out) {
         }
     }
     free(sums);
+    return true;
 }
 
-void csm_moments_read(csm_frame *frame, int cascade, float *out) {
+/* A row at a time: slices of a texel stand side by side outside. */
+static bool read_slice(csm_frame *frame, int size, int slice, float *out) {
     static const GLenum formats[] = {GL_RED, GL_RG, GL_RGB, GL_RGBA};
+    const csm_moments *moments = &frame->moments;
+    const int stride = moments->channels * moments->slices;
+    float *row = malloc((size_t)size * (size_t)moments->channels * sizeof *row);
+    if (!row) {
+        return false;
+    }
+    for (int y = 0; y < size; y++) {
+        frame->renderer->gl.ReadPixels(0, y, size, 1, formats[moments->channels - 1], GL_FLOAT,
+                                       row);
+        for (int i = 0; i < size * moments->channels; i++) {
+            const int x = i / moments->channels, channel = i % moments->channels;
+            out[((size_t)y * (size_t)size + (size_t)x) * (size_t)stride +
+                (size_t)(slice * moments->channels + channel)] = row[i];
+        }
+    }
+    free(row);
+    return true;
+}
+
+csm_status csm_moments_read(csm_frame *frame, int cascade, float *out, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     const csm_moments *moments = &frame->moments;
     const int size = frame->settings.map_size[cascade];
-    const int stride = moments->channels * moments->slices;
+    bool read = true;
     gl->BindFramebuffer(GL_READ_FRAMEBUFFER, renderer->filter_framebuffer);
-    for (int slice = 0; slice < moments->slices; slice++) {
+    for (int slice = 0; slice < moments->slices && read; slice++) {
         const filter_texture from = moments_of(frame, cascade, slice);
         gl->NamedFramebufferTextureLayer(renderer->filter_framebuffer, GL_COLOR_ATTACHMENT0,
                                          from.texture, 0, from.layer);
-        if (moments->kind == CSM_LOOKS_AT_SUMS) {
-            read_sums(frame, size, out);
-            return;
-        }
-        /* a row at a time: slices of a texel stand side by side outside */
-        float *row = malloc((size_t)size * (size_t)moments->channels * sizeof *row);
-        for (int y = 0; y < size && row; y++) {
-            gl->ReadPixels(0, y, size, 1, formats[moments->channels - 1], GL_FLOAT, row);
-            for (int i = 0; i < size * moments->channels; i++) {
-                const int x = i / moments->channels, channel = i % moments->channels;
-                out[((size_t)y * (size_t)size + (size_t)x) * (size_t)stride +
-                    (size_t)(slice * moments->channels + channel)] = row[i];
-            }
-        }
-        free(row);
+        read = moments->kind == CSM_LOOKS_AT_SUMS ? read_sums(frame, size, out)
+                                                  : read_slice(frame, size, slice, out);
     }
+    return read ? CSM_OK
+                : csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to read moments of %d x %d",
+                           size, size);
 }

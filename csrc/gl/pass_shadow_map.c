@@ -1,4 +1,4 @@
-/* pass_shadow_map.c: the casters of one cascade into its layer of the depth array. */
+/* pass_shadow_map.c: the casters of one cascade into its map, wherever that lies. */
 #include "gl_internal.h"
 
 #include <math.h>

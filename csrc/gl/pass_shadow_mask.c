@@ -1,4 +1,5 @@
-/* pass_shadow_mask.c: visibility of every pixel, or of any points, in compute.
+/* pass_shadow_mask.c: visibility of every pixel, in compute or by a full-screen triangle, or of any
+ * points, in compute.
  *
  * On software GL compute into a mapped buffer takes 0.6 of the time of a full-screen triangle, on a
  * GPU less than a tenth (docs/architecture.md). Work goes in bands, so that a stop is noticed

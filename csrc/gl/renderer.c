@@ -385,7 +385,7 @@ void csm_points_read(const csm_frame *frame) {
     }
 }
 
-static void read_back(csm_frame *frame) {
+static csm_status read_back(csm_frame *frame, csm_error *err) {
     csm_render_out *out = frame->out;
     const csm_render_desc *desc = frame->desc;
     size_t pixels = (size_t)desc->camera.width * (size_t)desc->camera.height;
@@ -405,14 +405,17 @@ static void read_back(csm_frame *frame) {
     if (out->shadow_maps[0]) {
         read_maps(frame);
     }
-    for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT] && out->moments[i]; i++) {
-        csm_moments_read(frame, i, out->moments[i]);
+    csm_status status = CSM_OK;
+    const int count = frame->settings.effects[CSM_EFFECT_CASCADE_COUNT];
+    for (int i = 0; i < count && out->moments[i] && status == CSM_OK; i++) {
+        status = csm_moments_read(frame, i, out->moments[i], err);
     }
     csm_points_read(frame);
     if (out->timing_count < CSM_MAX_TIMINGS) {
         out->timing_names[out->timing_count] = "readback";
         out->timing_ms[out->timing_count++] = csm_clock_ms() - start;
     }
+    return status;
 }
 
 void csm_frame_upload_uniforms(csm_frame *frame) {
@@ -547,7 +550,9 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
         }
     }
     if (status == CSM_OK) {
-        read_back(frame);
+        status = read_back(frame, err);
+    }
+    if (status == CSM_OK) {
         status = csm_debug_check(renderer, "readback", err);
     }
     if (status == CSM_OK) {

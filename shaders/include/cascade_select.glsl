@@ -173,9 +173,13 @@ vec4 footprint_of(receiver point, candidate chosen)
 #if CSM_GRADIENTS == CSM_GRADIENTS_HARDWARE || (CSM_GRADIENTS == CSM_GRADIENTS_QUAD && CSM_WARPED)
     vec4 texels = chosen.footprint;
 #else
+#if CSM_STEPS == CSM_STEPS_BOTH
+    vec2 step_x = point.plane_step_x.xy, step_y = point.plane_step_y.xy;
+#else
+    vec2 step_x = point.step_x.xy, step_y = point.step_y.xy;
+#endif
     vec4 growth = chosen.growth;
-    vec4 texels = vec4(growth.xy * point.step_x.x + growth.zw * point.step_x.y,
-                       growth.xy * point.step_y.x + growth.zw * point.step_y.y);
+    vec4 texels = vec4(growth.xy * step_x.x + growth.zw * step_x.y, growth.xy * step_y.x + growth.zw * step_y.y);
 #endif
     return vec4(limited(texels.xy, chosen.centre.w), limited(texels.zw, chosen.centre.w));
 }
@@ -197,6 +201,11 @@ map_receiver in_map(receiver point, candidate chosen)
     at.slope = plane_known(point) ? plane_slope(chosen, gradient) : level_slope(chosen);
 #else
     at.slope = level_slope(chosen);
+#endif
+#if CSM_PREFILTERED
+    // Under selection by slice a receiver may lie outside of the map's depths: behind all that the map holds, or before
+    // it. Means have no more to tell there than at the ends, and powers beyond them overflow.
+    at.z = clamp(at.z, 0.0, 1.0);
 #endif
     at.level = level_slope(chosen);
     at.density = chosen.density;

@@ -11,7 +11,12 @@ vec2 turn_by(vec2 direction, vec2 angle)
 
 float filter_visibility(map_receiver at)
 {
-    float angle = pi * at.z;
+    if (at.z <= 0.0) {
+        return 1.0; // nothing is nearer; the series has period 2 and would take an empty texel for an occluder
+    }
+    // Beyond the far end an empty texel, which holds 1, is no occluder: the series is one half at a depth's own place,
+    // first 1 at this before it.
+    float angle = pi * (at.z < 1.0 ? at.z : 1.0 - 0.3066 / float(CSM_FOURIER_TERMS));
     vec2 odd = vec2(cos(angle), sin(angle)), step = turn_by(odd, odd);
     float lit = 0.5;
     for (int slice = 0; slice < fourier_slices; slice++) {

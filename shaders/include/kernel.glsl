@@ -7,7 +7,8 @@ vec2 kernel_half_width(map_receiver at)
 #if CSM_KERNEL == CSM_KERNEL_TEXELS
     return vec2(CSM_KERNEL_SIZE > 0 ? 0.5 * float(CSM_KERNEL_SIZE) : frame.width.x);
 #else
-    float metres = frame.width.y + frame.width.z * at.view_depth;
+    // where nothing is seen the depth is infinite, and 0 times that no number
+    float metres = frame.width.y + frame.width.z * min(at.view_depth, 1e30);
     return clamp(metres * at.density, vec2(frame.width.w), vec2(frame.width.x));
 #endif
 }

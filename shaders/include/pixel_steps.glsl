@@ -1,7 +1,7 @@
 // pixel_steps.glsl: how far the receiver moves in light space from one pixel to the next (docs/numerics.md 29);
 // included by view_receiver.glsl. Light space is the same for all cascades, so that nothing of it jumps at their seams.
 
-#if CSM_STEPS == CSM_STEPS_ANALYTIC
+#if CSM_STEPS == CSM_STEPS_ANALYTIC || CSM_STEPS == CSM_STEPS_BOTH
 
 // A plane that is edge-on to the camera runs on for ever.
 const float least_towards = 1e-6;
@@ -16,7 +16,9 @@ vec3 step_on_plane(vec4 plane, view_ray ray, vec3 across)
     return light_position(reach * (across - ray.direction * (dot(plane.xyz, across) / towards)));
 }
 
-#elif CSM_STEPS == CSM_STEPS_DIFFERENCES
+#endif
+
+#if CSM_STEPS == CSM_STEPS_DIFFERENCES || CSM_STEPS == CSM_STEPS_BOTH
 
 neighbour on_plane(vec4 plane, ivec2 pixel, bool seen)
 {
@@ -38,11 +40,19 @@ neighbour neighbour_at(ivec2 pixel, vec4 own)
 
 void take_steps(inout receiver point, ivec2 pixel, vec4 plane, bool seen)
 {
-#if CSM_STEPS == CSM_STEPS_ANALYTIC
+#if CSM_STEPS == CSM_STEPS_ANALYTIC || CSM_STEPS == CSM_STEPS_BOTH
     view_ray ray = ray_through(pixel);
-    point.step_x = step_on_plane(plane, ray, frame.right.xyz * (2.0 * frame.view.x / float(frame.image.x)));
-    point.step_y = step_on_plane(plane, ray, frame.up.xyz * (2.0 * frame.view.y / float(frame.image.y)));
-#elif CSM_STEPS == CSM_STEPS_DIFFERENCES
+    vec3 on_plane_x = step_on_plane(plane, ray, frame.right.xyz * (2.0 * frame.view.x / float(frame.image.x)));
+    vec3 on_plane_y = step_on_plane(plane, ray, frame.up.xyz * (2.0 * frame.view.y / float(frame.image.y)));
+#endif
+#if CSM_STEPS == CSM_STEPS_ANALYTIC
+    point.step_x = on_plane_x;
+    point.step_y = on_plane_y;
+#elif CSM_STEPS == CSM_STEPS_BOTH
+    point.plane_step_x = on_plane_x;
+    point.plane_step_y = on_plane_y;
+#endif
+#if CSM_STEPS == CSM_STEPS_DIFFERENCES || CSM_STEPS == CSM_STEPS_BOTH
     // quads start at even pixels; with these neighbours, differences are what a fragment's fine derivatives would be
     // but for their signs, and compute has them too
     point.own = on_plane(plane, pixel, seen);

@@ -1,6 +1,6 @@
 // receiver.glsl: a point whose visibility is asked for, as the filters see it.
 
-#if CSM_STEPS == CSM_STEPS_DIFFERENCES
+#if CSM_STEPS == CSM_STEPS_DIFFERENCES || CSM_STEPS == CSM_STEPS_BOTH
 // Another pixel of a pixel's quad.
 struct neighbour
 {
@@ -24,7 +24,10 @@ struct receiver
 #if CSM_STEPS != CSM_STEPS_NONE
     vec3 step_x, step_y; // in light space, to the next pixel; zero for points, which have none
 #endif
-#if CSM_STEPS == CSM_STEPS_DIFFERENCES
+#if CSM_STEPS == CSM_STEPS_BOTH
+    vec3 plane_step_x, plane_step_y; // the same on the pixel's own plane, for footprints
+#endif
+#if CSM_STEPS == CSM_STEPS_DIFFERENCES || CSM_STEPS == CSM_STEPS_BOTH
     neighbour own, beside, above, across; // the quad: along x, along y, along both
 #endif
 };
@@ -43,7 +46,10 @@ void stand_alone(inout receiver point)
 #if CSM_STEPS != CSM_STEPS_NONE
     point.step_x = point.step_y = vec3(0.0);
 #endif
-#if CSM_STEPS == CSM_STEPS_DIFFERENCES
+#if CSM_STEPS == CSM_STEPS_BOTH
+    point.plane_step_x = point.plane_step_y = vec3(0.0);
+#endif
+#if CSM_STEPS == CSM_STEPS_DIFFERENCES || CSM_STEPS == CSM_STEPS_BOTH
     point.own = neighbour(point.position, vec3(0.0), point.normal, point.view_depth, true);
     point.beside = point.above = point.across = point.own;
 #endif

@@ -1,7 +1,7 @@
 // seams.glsl: the cascade of a pixel and its footprint in that map, by what is done about the quads that two cascades
 // share (docs/numerics.md 29). Needs cascade_select.glsl.
 
-#if CSM_LOOKUP == CSM_LOOKUP_BILINEAR || CSM_STEPS != CSM_STEPS_DIFFERENCES
+#if CSM_LOOKUP == CSM_LOOKUP_BILINEAR || CSM_GRADIENTS == CSM_GRADIENTS_ANALYTIC
 
 choice choose_for_pixel(receiver point)
 {
