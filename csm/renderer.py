@@ -302,7 +302,10 @@ class Renderer:
         -------
         visibility : Visibility
             By the same shader functions as the mask: points and normals of a pixel get the mask's
-            value there, but where float32 decides a compare or a texel.
+            value there, but where float32 decides a compare or a texel. A point has no pixel and
+            no neighbours: whatever `lookup` is, filtered maps are looked up at their full size; the
+            plane is that of the normal, as under ``plane="normal"``; `rotated` and
+            ``blend="dither"`` draw by place, not by pixel.
 
         Raises
         ------

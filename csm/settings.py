@@ -166,7 +166,8 @@ class ShadowSettings:
     moment_format : {"float32", "float16", "unorm16"}
         Format of filtered maps; exponents of esm and evsm are limited by it. ``"unorm16"`` holds
         0 to 1: not for evsm, nor for esm without `log_filter`. Half floats are too coarse for
-        msm's four moments, which take ``"float32"`` or ``"unorm16"``.
+        msm's four moments, which take ``"float32"`` or ``"unorm16"``; those of vsm, lvsm and
+        ``pcss_map="variance"`` leak so much in half floats that ``"unorm16"``, as small, is better.
     lookup : {"bilinear", "trilinear", "anisotropic"}
         How filtered maps are looked up: at their full size, or in smaller levels by the footprint
         of the pixel.
