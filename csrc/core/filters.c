@@ -132,8 +132,8 @@ int csm_settings_kernel_radius(const csm_settings *settings) {
         return prefiltered_pcss(settings) && kind_of(settings) == CSM_LOOKS_AT_MOMENTS
                    ? size + 2
                    : (size + 1) / 2;
-    default: /* blurred, then looked up between texels, at worst those of the coarsest level: a lookup
-              * between texels reaches one and a half of them */
+    default: /* blurred, then looked up between texels, at worst those of the coarsest level: a
+              * lookup between texels reaches one and a half of them */
         return size / 2 + (levels && !logarithmic(settings) ? 3 << (CSM_MAX_LEVEL - 1) : 1);
     }
 }

@@ -443,6 +443,7 @@ csm_cascades_desc csm_frame_fit_desc(const csm_frame *frame, csm_settings *setti
         /* no map asks for these cascades: they must not refuse a camera, nor ask what is seen */
         settings->effects[CSM_EFFECT_SPLIT] = CSM_SPLIT_UNIFORM;
         settings->effects[CSM_EFFECT_FIT] = CSM_FIT_SPHERE;
+        memcpy(settings->map_size, csm_settings_default().map_size, sizeof settings->map_size);
         settings->first_split = settings->max_distance = 0.0;
     }
     csm_cascades_desc fit = {.camera = desc->camera,
