@@ -224,8 +224,8 @@ class ShadowSettings:
         The receiver is moved by this times ``t * sin(theta)`` along its normal.
     receiver_plane : bool
         Compare against the receiver's plane at each texel's centre. Means nothing with
-        ``filter_size=2``, where the hardware compares four texels with one depth, nor for other filters
-        of moments than evsm4.
+        ``filter_size=2``, where the hardware compares four texels with one depth, nor for filters
+        of moments other than evsm4.
 
     Raises
     ------
