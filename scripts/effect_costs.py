@@ -6,6 +6,7 @@ One standard scene, camera and sun. Writes docs/effects_measured.json, from whic
 
 import argparse
 import json
+import math
 import os
 import statistics
 import time
@@ -71,36 +72,42 @@ def timer(renderer):
     return "time of all passes but the readback", passes
 
 
+def timed(render, ms_of, settings, long):
+    """ms of a frame after one of the same settings that does not count.
+
+    What takes longer than `long` [ms] is taken at once: what a first frame adds is no matter there.
+    """
+    first = ms_of(partial(render, settings))
+    return first if first > long else ms_of(partial(render, settings))
+
+
 def times(render, ms_of, every, rounds):
     """Median ms of each settings, and of its ratio to the base rendered next to it.
 
-    Each frame that counts follows one of the same settings that does not. What takes ten times as
-    long as the base is measured once: noise is no matter there.
+    Yields what is known after each round, by settings. What takes ten times as long as the base is
+    measured in the first round alone.
     """
     taken = {settings: [] for settings in every}
-    for number in range(rounds):
+    for _ in range(rounds):
         for settings, pairs in taken.items():
             if pairs and pairs[0][1] > LONG:
                 continue
-            one = {}
-            for side in (settings, BASE) if number % 2 else (BASE, settings):
-                render(side)
-                one[side] = ms_of(partial(render, side))
-            pairs.append((one[settings], one[settings] / one[BASE]))
-        print(f"round {number + 1} of {rounds}", flush=True)
-    return {
-        settings: [statistics.median(column) for column in zip(*pairs, strict=True)]
-        for settings, pairs in taken.items()
-    }
+            base = timed(render, ms_of, BASE, math.inf)
+            one = timed(render, ms_of, settings, LONG * base)
+            pairs.append((one, one / base))
+        yield {
+            settings: [statistics.median(column) for column in zip(*pairs, strict=True)]
+            for settings, pairs in taken.items()
+        }
 
 
-def measure(rounds, rays):
-    """Everything that the page says, as plain values."""
+def measure(rounds, rays, wanted):
+    """Everything that the page says of the wanted rows, as plain values, after each round."""
     scene = csm.scenes.town(20_000)
     camera, sun = scene.cameras[CAMERA].replace(size=SIZE), scene.suns[SUN]
     point = csm.truth(scene, camera, sun)
     disc = csm.truth(scene, camera, sun, rays_per_pixel=rays)
-    listed = [(row, settings_of(*row).canonical()) for row in rows()]
+    listed = [(row, settings_of(*row).canonical()) for row in wanted]
     every = dict.fromkeys([BASE.canonical(), *(settings for _, settings in listed)])
     with csm.Renderer() as renderer:
         info = renderer.info
@@ -109,7 +116,6 @@ def measure(rounds, rays):
             return renderer.render(scene, camera, sun, settings, outputs=outputs)
 
         clock, ms_of = timer(renderer)
-
         found = {}
         for settings in every:
             frame = render(settings, OUTPUTS)
@@ -121,27 +127,29 @@ def measure(rounds, rays):
                 "error_disc": reports[1].mean["total"],
             }
         print(f"{len(every)} different settings", flush=True)
-        for settings, (ms, ratio) in times(render, ms_of, every, rounds).items():
-            found[settings] |= {"ms": ms, "time": ratio}
-    return {
-        "driver": info["renderer"],
-        "version": info["version"],
-        "stage": info["stage"],
-        "clock": clock,
-        "cores": len(os.sched_getaffinity(0)),
-        "csm": csm.__version__,
-        "scene": f"town(20000), camera {CAMERA}, sun {SUN}",
-        "sun_deg": sun.angular_diameter_deg,
-        "size": list(SIZE),
-        "map_size": BASE.map_size,
-        "rounds": rounds,
-        "rays": rays,
-        "base": rounded(found[BASE.canonical()]),
-        "rows": [
-            {"setting": name, "value": value, "besides": besides, **rounded(found[settings])}
-            for (name, value, besides), settings in listed
-        ],
-    }
+        for number, known in enumerate(times(render, ms_of, every, rounds), 1):
+            for settings, (ms, ratio) in known.items():
+                found[settings] |= {"ms": ms, "time": ratio}
+            print(f"round {number} of {rounds}", flush=True)
+            yield {
+                "driver": info["renderer"],
+                "version": info["version"],
+                "stage": info["stage"],
+                "clock": clock,
+                "cores": len(os.sched_getaffinity(0)),
+                "csm": csm.__version__,
+                "scene": f"town(20000), camera {CAMERA}, sun {SUN}",
+                "sun_deg": sun.angular_diameter_deg,
+                "size": list(SIZE),
+                "map_size": BASE.map_size,
+                "rounds": number,
+                "rays": rays,
+                "base": rounded(found[BASE.canonical()]),
+                "rows": [
+                    {"setting": row[0], "value": row[1], "besides": row[2], **rounded(found[one])}
+                    for row, one in listed
+                ],
+            }
 
 
 def rounded(numbers):
@@ -152,19 +160,46 @@ def rounded(numbers):
     }
 
 
+def chosen(names):
+    """Rows of some settings ("filter") or of some of their values ("filter=savsm"); else all."""
+    every = rows()
+    picked = [row for row in every if not names or {row[0], f"{row[0]}={row[1]}"} & {*names}]
+    known = {text for name, value, _ in every for text in (name, f"{name}={value}")}
+    unknown = [name for name in names if name not in known]
+    if unknown:
+        raise SystemExit(f"no effect or value of one: {', '.join(unknown)}")
+    return picked
+
+
+def merged(found, path):
+    """New rows in the place of those that a file has; the rest of it as it was."""
+    before = json.loads(path.read_text(encoding="utf-8"))
+    fresh = {(row["setting"], row["value"]): row for row in found["rows"]}
+    rows_ = [fresh.get((row["setting"], row["value"]), row) for row in before["rows"]]
+    return {**before, "rows": rows_}
+
+
 def main():
     """Measure and write."""
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--rounds", type=int, default=5, help="frames that count, of each")
     options.add_argument("--rays", type=int, default=64, help="to the sun's disc, of each pixel")
+    options.add_argument("--only", nargs="+", default=[], help="settings or setting=value; the "
+                         "other rows stay as the file has them")  # fmt: skip
     options.add_argument("--out", type=Path, default=MEASURED)
     given = options.parse_args()
-    found = measure(given.rounds, given.rays)
+    for found in measure(given.rounds, given.rays, chosen(given.only)):
+        write(merged(found, given.out) if given.only else found, given.out)
+    print(given.out)
+
+
+def write(found, path):
+    """JSON with a line for each row, whole at any time."""
     head = {key: value for key, value in found.items() if key != "rows"}
     lines = ",\n".join("    " + json.dumps(row) for row in found["rows"])
     text = json.dumps(head, indent=2)[:-2] + f',\n  "rows": [\n{lines}\n  ]\n}}\n'
-    given.out.write_text(text, encoding="utf-8")
-    print(given.out)
+    path.with_suffix(".new").write_text(text, encoding="utf-8")
+    path.with_suffix(".new").replace(path)
 
 
 if __name__ == "__main__":

@@ -48,8 +48,9 @@ Every value on one standard scene: {scene},
 {width} x {height}, maps of {map_size}, all else at the defaults but for what stands under "with",
 without which the value has no meaning. Compare values of one setting with each other.
 
-- **time**: {clock}, over that of the first line rendered next to it;
-  median of {rounds} rounds. Differences of a tenth are noise.
+- **time**: {clock}, over that of the first line rendered next to it
+  (rounds: {rounds}; what takes ten times as long is measured once). Differences of a tenth are
+  noise.
 - **bytes**: maps, moments and what they are made from [MiB].
 - **wrong**: sun-facing pixels on the wrong side of one half, against a point sun. **error**: mean
   absolute error of the mask, against the point and against the sun's disc of {sun_deg}° ({rays}
