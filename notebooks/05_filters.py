@@ -232,8 +232,8 @@ drawn(ax, heights, widths, "height of the edge [m]", "penumbra, 10 to 90 % [m]",
 # A second plate hangs a metre over the ground and covers all of it, so that the ground is dark
 # everywhere. Where the edge of the high plate crosses a kernel, moments of two far depths look as
 # if some of them lay behind the ground: the bound is not 0. Two moments of depth cannot know
-# better; layers, warps and four moments can. The pictures look at the dark ground through the
-# plates.
+# better. Layers leak less, warps and four moments next to nothing. The pictures look at the dark
+# ground through the plates.
 
 # %%
 overlap = csm.Scene.merge(GROUND, plate(6.0), plate(1.0, -9.0, 9.0))
@@ -253,8 +253,8 @@ for ax, (name, image) in zip(axes, ground_seen.items(), strict=True):
     picture(ax, image, f"{name}: up to {image.max():.2f}")
 
 # %% [markdown]
-# `bleed_step` takes the light below it for bleeding, `bleed_power` bends what is left. Both take
-# the leak away and both darken honest penumbrae: the edge on the right is a single plate's, which
+# `bleed_step` takes the light below it for bleeding, `bleed_power` bends what is left. Both lessen
+# the leak and both darken honest penumbrae: the edge on the right is a single plate's, which
 # needed no help.
 
 # %%

@@ -119,6 +119,7 @@ def measure(rounds, rays, wanted):
         found = {}
         for settings in every:
             frame = render(settings, OUTPUTS)
+            render(settings)  # other outputs are other programs: all are compiled before times
             reports = [csm.compare(frame, truth) for truth in (point, disc)]
             found[settings] = {
                 "bytes": map_bytes(settings),
