@@ -11,10 +11,11 @@ import matplotlib
 
 matplotlib.use("Agg")
 import matplotlib.pyplot as plt
+import numpy as np
 from PIL import Image
 
 import csm
-from csm import plot
+from csm import plot, shapes
 
 FOLDER = Path(__file__).resolve().parents[1] / "docs" / "images"
 COLOURS = 64  # of the palette a picture is saved with: a third of the bytes, no difference seen
@@ -87,7 +88,79 @@ def cubes():
         return plot.texel_cubes(stairs_frame(renderer, 96), renderer=renderer).figure
 
 
-PICTURES = {"splits": splits, "utilisation": utilisation, "texels": texels, "cubes": cubes}
+def filters():
+    """Filters on one crop, beside the ray-traced sun."""
+    sun = csm.Sun.from_compass(125, 35, 1.6)
+    slats = shapes.boxes_at(
+        np.array([[0.25 * i - 3.2, 0, 1.8] for i in range(10)]),
+        (-0.06, 0, -0.02),
+        (0.06, 1.2, 0.02),
+    )
+    scene = csm.Scene.merge(csm.scenes.plane_and_box(), csm.Scene.from_arrays(*slats))
+    camera = csm.Camera.look_at((-5.5, 5, 6), (-2.6, 0, 0.6), fov_y_deg=27, far=30, size=(320, 240))
+    base = csm.ShadowSettings(map_size=512, cascade_count=2, filter_size=7)
+    chosen = {
+        "hard": {"filter": "hard"},
+        "pcf, 7 x 7": {"filter": "pcf"},
+        "poisson, rotated": {"filter": "poisson", "rotated": True},
+        "pcss": {"filter": "pcss", "filter_size": 33, "tap_count": 32, "disc": "vogel"},
+        "vsm": {"filter": "vsm"},
+        "msm": {"filter": "msm"},
+        "esm": {"filter": "esm"},
+    }
+    masks = {"ray-traced sun's disc": csm.truth(scene, camera, sun, rays_per_pixel=64).mask}
+    with csm.Renderer() as renderer:
+        for name, changes in chosen.items():
+            settings = base.replace(**changes)
+            masks[name] = renderer.render(scene, camera, sun, settings, outputs=("mask",)).mask
+    return panels(masks, 2, 4)
+
+
+def seams():
+    """Where two cascades share quads of pixels: a lookup's level with and without remedies."""
+    floor = csm.Scene.from_arrays(*shapes.ground(200.0))
+    slat = np.array([[0, 3, -60], [0.25, 3, -60], [0.25, 3, 30], [0, 3, 30]])
+    slats = (np.arange(-60, 60)[:, None, None] * [0.5, 0, 0] + slat).reshape(-1, 3)
+    faces = (4 * np.arange(120)[:, None, None] + [[0, 2, 1], [0, 3, 2]]).reshape(-1, 3)
+    camera = csm.Camera.look_at(
+        (0, 2, 8), (0, 0, 2), (0.2, 1, 0), fov_y_deg=40, near=0.3, far=30, size=(480, 272)
+    )
+    cut = csm.ShadowSettings(
+        filter="vsm", filter_size=1, map_size=1024, split="manual", manual_splits=(5, 8, 12),
+        fit="box", select="interval", lookup="anisotropic",
+    )  # fmt: skip
+    scene = csm.Scene.merge(floor, csm.Scene.from_arrays(slats, faces))
+    masks = {}
+    with csm.Renderer() as renderer:
+        for gradients in ("hardware", "quad", "analytic"):
+            frame = renderer.render(
+                scene, camera, csm.Sun((0.3, 1, 0.1)), cut.replace(gradients=gradients),
+                outputs=("mask",),
+            )  # fmt: skip
+            masks[f'gradients="{gradients}"'] = frame.mask[120:, 80:400]
+    return panels(masks, 1, 3)
+
+
+def panels(masks, rows, columns):
+    """Masks by name, in rows."""
+    height, width = next(iter(masks.values())).shape
+    size = (2.6 * columns, (2.6 * height / width + 0.25) * rows)
+    figure, axes = plt.subplots(rows, columns, figsize=size, layout="constrained")
+    for ax, (name, mask) in zip(axes.ravel(), masks.items(), strict=True):
+        ax.imshow(mask, cmap="gray", vmin=0, vmax=1, interpolation="nearest")
+        ax.set(xticks=[], yticks=[])
+        ax.set_title(name, loc="left", fontsize="medium")
+    return figure
+
+
+PICTURES = {
+    "splits": splits,
+    "utilisation": utilisation,
+    "texels": texels,
+    "cubes": cubes,
+    "filters": filters,
+    "seams": seams,
+}
 
 
 def save(figure, path):

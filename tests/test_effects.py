@@ -1,6 +1,7 @@
 """The effect table: what compiles what, off means absent, and the page written from it."""
 
 import itertools
+import json
 import re
 import runpy
 from pathlib import Path
@@ -11,6 +12,8 @@ import pytest
 import csm
 from csm import _core
 from csm.plans import OUTPUTS, output_bits
+from scripts import effect_costs
+from scripts.effect_needs import NEEDS, needs_of, values_of
 
 ROOT = Path(__file__).resolve().parents[1]
 TABLE = _core.effect_table()
@@ -21,71 +24,14 @@ PASS_BITS = {
 }  # fmt: skip
 ALL_OUTPUTS = output_bits(OUTPUTS)[0]
 
-# What must be set besides, so that a setting has a meaning.
-NEEDS = {
-    "filter_size": {"filter": "pcf"},
-    "receiver_plane": {"bias": "manual"},
-    "normal_offset_texels": {"bias": "manual"},
-    "turned": {"fit": "visible"},
-    "cascade_count": {"fit": "visible"},
-    "level_spacing": {"snap": "approximate"},
-    "level_count": {"snap": "approximate"},
-    "level_hysteresis": {"snap": "approximate"},
-    ("select", "frustum"): {"filter": "pcf"},
-    "filter_weights": {"filter": "pcf"},
-    "filter_fetch": {"filter": "pcf"},
-    "kernel": {"filter": "pcf"},
-    "disc": {"filter": "poisson"},
-    "tap_count": {"filter": "poisson"},
-    "rotated": {"filter": "poisson"},
-    "pcss_map": {"filter": "pcss"},
-    "moment_format": {"filter": "vsm"},
-    "lookup": {"filter": "vsm"},
-    "anisotropy": {"filter": "vsm", "lookup": "anisotropic"},
-    "samples": {"filter": "vsm"},
-    "log_filter": {"filter": "esm"},
-    "msm_bound": {"filter": "msm"},
-    "layer_count": {"filter": "lvsm"},
-    "fourier_terms": {"filter": "fourier"},
-    "gradients": {"filter": "vsm", "lookup": "trilinear"},
-    "plane": {"filter": "pcf"},
-    "bias_side": {"bias": "manual", "slope_bias": 1.0},
-    "tile_border": {"storage": "atlas"},
-    "copied_tiles": {"storage": "atlas"},
-    ("split", "manual"): {"manual_splits": (2.0, 5.0, 9.0)},
-    ("split", "percentages"): {"manual_splits": (2.0, 15.0, 40.0)},
-    ("depth_range", "manual"): {"manual_depth_range": (-50.0, 50.0)},
-}
-# Of numbers without a limit of their own kind.
-SOME_VALUES = {
-    "samples": [1, 2, 4],
-    "tap_count": [16, 8],
-    "layer_count": [4, 2, 6, 8],
-    "fourier_terms": [16, 2, 4],
-    "anisotropy": [8, 2, 16],
-    "tile_border": [0, 1, 64],
-}
+# Where every pass that sees a setting runs.
+SEEN_WITH = {"cascade_count": {"fit": "visible"}}
 SMALL = csm.ShadowSettings(map_size=128)
-
-
-def values_of(row):
-    """Every value of an effect; of kernel sizes the first of each kind and the last."""
-    if row["type"] == "enum":
-        return row["choices"].split()
-    if row["type"] == "bool":
-        return [False, True]
-    if row["name"] == "filter_size":
-        return [1, 2, 3, 5, row["max"]]
-    if row["name"] in SOME_VALUES:
-        return SOME_VALUES[row["name"]]
-    if row["name"] == "level_count":
-        return [1, 64, row["max"]]
-    return list(range(row["min"], row["max"] + 1))
 
 
 def settings_with(name, value):
     """Small settings in which one value has its meaning."""
-    needs = {**NEEDS.get(name, {}), **NEEDS.get((name, value), {}), name: value}
+    needs = {**needs_of(name, value), **SEEN_WITH.get(name, {}), name: value}
     if name == "cascade_count" and value == 1:
         needs["manual_splits"] = ()
     return SMALL.replace(**needs)
@@ -127,6 +73,27 @@ def test_page_is_what_the_table_says():
     write = runpy.run_path(str(ROOT / "scripts/effects_page.py"))
     written = (ROOT / "docs/effects.md").read_text(encoding="utf-8")
     assert written == write["page"](), "run: python -m scripts.effects_page"
+
+
+def test_page_has_cost_and_error_of_every_value():
+    measured = json.loads((ROOT / "docs/effects_measured.json").read_text(encoding="utf-8"))
+    expected = {(name, value): besides for name, value, besides in effect_costs.rows()}
+    found = {(row["setting"], row["value"]): row for row in measured["rows"]}
+    assert found.keys() == expected.keys(), "run: python -m scripts.effect_costs"
+    assert len(found) == len(measured["rows"])
+    for (name, value), row in found.items():
+        besides = json.loads(json.dumps(expected[name, value]))
+        assert row["besides"] == besides, (name, value)
+        # What can be told without rendering is so today.
+        settings = effect_costs.settings_of(name, value, expected[name, value])
+        assert row["bytes"] == effect_costs.map_bytes(settings), (name, value)
+        assert row["time"] > 0, (name, value)
+        assert row["ms"] > 0, (name, value)
+        assert 0 <= row["disagreement"] <= 2.001 * row["error"], (name, value)
+        assert 0 < row["error_disc"] < 1, (name, value)
+    base = measured["base"]
+    assert base["bytes"] == effect_costs.map_bytes(effect_costs.BASE)
+    assert base["error"] == found["filter", "hard"]["error"]
 
 
 # -- masks and keys --------------------------------------------------------------------------------
@@ -255,7 +222,10 @@ COMPILED = {
 def test_each_pair_of_values_compiles_and_renders(renderer, view, first, second):
     for values in itertools.product(COMPILED[first], COMPILED[second]):
         changes = dict(zip((first, second), values, strict=True))
-        needs = {**NEEDS.get(first, {}), **NEEDS.get(second, {}), **changes}
+        needs = {}
+        for name in (first, second):
+            needs |= {**NEEDS.get(name, {}), **SEEN_WITH.get(name, {})}
+        needs |= changes
         settings = SMALL.replace(**needs)
         check_frame(renderer.render(*view, settings, outputs=("mask", "valid")))
 

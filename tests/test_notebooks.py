@@ -38,7 +38,12 @@ def outcome(tmp_path_factory):
 
 
 def test_there_are_notebooks():
-    assert {path.name for path in NOTEBOOKS} >= {"02_splits.py", "03_fit_and_snap.py"}
+    assert {path.name for path in NOTEBOOKS} >= {
+        "02_splits.py",
+        "03_fit_and_snap.py",
+        "04_bias.py",
+        "05_filters.py",
+    }
     assert not list(FOLDER.glob("*.ipynb")), "scripts in the percent format alone: no outputs"
 
 
@@ -135,6 +140,66 @@ def test_bias_notebook_shows_what_it_says(outcome):
         abs(variables["depths"]["d16"].disagreement - variables["depths"]["d32f"].disagreement)
         < 1e-3
     )
+
+
+def test_filters_notebook_shows_what_it_says(outcome):
+    """Each check is a sentence of the notebook's."""
+    variables, _ = outcome("05_filters.py")
+    errors = {name: soft.mean["total"] for name, (_, soft, _, _) in variables["found"].items()}
+    softs = [name for name in errors if name.startswith("pcss")]
+    sharp = ("hard", "hardware 2 x 2")
+    blurred = errors.keys() - {*softs, *sharp}
+    assert max(errors[name] for name in softs) < errors["hard"]
+    assert errors["hard"] < min(errors[name] for name in blurred), "kernels wider than the penumbra"
+    bright = {name: soft.mean["too_bright"] for name, (_, soft, _, _) in variables["found"].items()}
+    assert bright["fourier"] > 1.2 * bright["vsm"], "fourier loses what is near its caster"
+    # Across an edge. A texel of steps in the box, whose window is round the point's own texel.
+    taps, bounds = variables["taps"], variables["bounds"]
+    for name in ("vsm", "evsm4", "msm"):
+        assert np.abs(bounds[name] - taps["box"]).max() < 0.05
+    assert np.abs(variables["softs"]["pcss"] - variables["softs"]["the sun's disc"]).max() < 0.05
+    widths = {name: np.array(values) for name, values in variables["widths"].items()}
+    assert np.ptp(widths["pcf gaussian, 9 x 9"]) < 1e-3
+    # from two texels of 8 m / 512 on
+    apart = np.abs(widths["pcss"] / widths["the sun's disc"] - 1.0)
+    assert apart[widths["the sun's disc"] > 0.03].max() < 0.1
+    # Bleeding.
+    leak = {name: light.max() for name, light in variables["leaks"].items()}
+    assert leak["vsm"] > 0.4
+    assert 0.05 < leak["lvsm"] < 0.5 * leak["vsm"]
+    assert max(leak["evsm2"], leak["evsm4"], leak["msm"]) < 0.01
+    for lines, best in ((variables["helped"], np.max), (variables["honest"], np.sum)):
+        first, *others = lines.values()
+        assert max(best(light) for light in others) < 0.95 * best(first)
+    # Seams: the numbers of docs/numerics.md 29, within what another crop changes.
+    seams = variables["seams"]
+    assert seams["trilinear", "quad"] < 0.9 * seams["trilinear", "hardware"]
+    assert seams["trilinear", "analytic"] < 0.9 * seams["trilinear", "hardware"]
+    assert seams["anisotropic", "quad"] < 0.2 * seams["anisotropic", "hardware"]
+    assert seams["anisotropic", "analytic"] < 0.2 * seams["anisotropic", "hardware"]
+
+
+def test_filters_notebook_shows_kernels_transitions_and_formats(outcome):
+    variables, _ = outcome("05_filters.py")
+    kernels = variables["kernels"]
+    assert kernels["texels"][-1] > 3 * kernels["texels"][0]
+    assert np.ptp(kernels["world"]) < 0.1 * kernels["world"][0]
+    assert (kernels["screen"] <= kernels["texels"] + 1e-3).all()
+    assert kernels["screen"][40] > 3 * kernels["screen"][0]
+    steps = variables["steps"]
+    assert max(steps["linear"], steps["smooth"]) < 0.3 * steps["none"]
+    # By lot: pixels of either mask, so neighbours differ where the blended mask is smooth.
+    rough = {name: np.abs(np.diff(mask, axis=1)).sum() for name, mask in variables["rims"].items()}
+    assert rough["dither"] > 1.05 * rough["linear"]
+    megabytes, errors, leaks = (
+        {name: values[i] for name, values in variables["stored"].items()} for i in range(3)
+    )
+    assert megabytes["vsm float16"] < 0.6 * megabytes["vsm float32"]
+    assert errors["vsm float16"] > 2 * errors["vsm float32"]
+    assert errors["vsm unorm16"] < 1.15 * errors["vsm float32"]
+    assert errors["evsm4 float16"] > 1.1 * errors["evsm4 float32"]
+    assert leaks["evsm4 float16"] > 0.01 > leaks["evsm4 float32"]
+    assert errors["msm unorm16"] < 1.15 * errors["msm float32"]
 
 
 def test_page_of_pictures_shows_what_its_script_draws():
