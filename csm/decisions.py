@@ -13,6 +13,7 @@ import numpy as np
 
 from .forecasts import map_bytes
 from .settings import ShadowSettings
+from .signals import FACES_SHARE
 
 __all__ = ["COUNTS", "TABLE", "Decision", "Reason", "Situation", "wanted_format", "wanted_size"]
 
@@ -20,7 +21,6 @@ SOFT_PIXELS = 1.0  # widest penumbra that a hard edge may stand for
 GAIN = 0.01  # an effect that changes the error by less than this share of it does not matter
 BLEND_RATIO = 2.0  # texels on both sides of a boundary whose sizes differ by less blend by themselves
 WORLD_ELEVATION_DEG = 20.7  # below it the skewed basis of the world's axes falls back by itself
-FACES_SHARE = 2e-4  # of the coarse picture's facing pixels, that may change
 COUNTS = (1, 2, 3, 4, 6, 8)  # of cascades, that are considered
 SMALLEST = 256  # a map that has no edge to hold
 LARGEST_KERNEL = 65
@@ -173,10 +173,6 @@ def _quantum_16(at):
 
 def _needed_bias(at):
     return 0.25 * at.texel()[0] * at.signals.bias_slope
-
-
-def _soft(at):
-    return at.signals.penumbra_pixels[1] >= SOFT_PIXELS
 
 
 def _several(at):
@@ -377,13 +373,13 @@ TABLE = (
     Decision(
         effect="filter",
         calls_for="a sun with a disc, and occluders far from their shadows",
-        threshold=f"90th percentile of the penumbra at least {SOFT_PIXELS:g} px",
+        threshold=f"99th percentile of the penumbra at least {SOFT_PIXELS:g} px",
         source="a narrower one is less than a step between pixels",
         cost="a search and a kernel at every pixel",
         taken=lambda at: at.settings.filter not in ("hard", "none"),
         measured=lambda at: (
-            f"penumbra {at.signals.penumbra_pixels[0]:.2g} px, 90 % below "
-            f"{at.signals.penumbra_pixels[1]:.2g} px"
+            f"penumbra {at.signals.penumbra_pixels[0]:.2g} px, 99 % below "
+            f"{at.signals.penumbra_pixels[2]:.2g} px"
         ),
         flipped=lambda at: _other_filter(at),
     ),
@@ -413,15 +409,17 @@ TABLE = (
     Decision(
         effect="bias",
         calls_for="surfaces that are not square to the sun, and rounding",
-        threshold="always, by as much as slope and depth range need",
-        source="closed form: docs/numerics.md 11",
+        threshold=f"more than {_percent(FACES_SHARE)} of facing pixels change without, in coarse maps",
+        source="two coarse renders; the amount by the closed form: docs/numerics.md 11",
         cost="light within a quarter texel of slope",
         taken=lambda at: at.settings.bias == "auto",
         measured=lambda at: (
             f"slope {at.signals.slope_percentiles[0]:.2g}, 99 % below "
             f"{at.signals.slope_percentiles[2]:.2g}: {1e3 * _needed_bias(at):.2g} mm at the median"
+            if at.settings.bias == "auto"
+            else f"{_percent(at.signals.bias_matters)} change: far sides cast, with room before them"
         ),
-        flipped=lambda at: {"bias": "manual"},
+        flipped=lambda at: {"bias": "manual" if at.settings.bias == "auto" else "auto"},
     ),
     Decision(
         effect="depth_format",

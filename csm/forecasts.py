@@ -17,7 +17,9 @@ FARTHEST = 4.0
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
 DISC = 2.0 / (3.0 * math.pi)
 # Of what hard edges miss of a penumbra, what percentage-closer soft shadows still miss: measured.
-SOFT_REST = 0.35
+SOFT_REST = 0.3
+# Of the automatic bias: texels of slope, and the steepest slope.
+BIAS_TEXELS, STEEPEST = 0.25, 1000.0
 # Measured over forecast errors: of broad casters, and what thin ones add, whose shadows a quarter of
 # the picture does not resolve and a coarse map loses altogether.
 EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
@@ -59,9 +61,8 @@ class Forecaster:
             sizes = settings.map_size
             if isinstance(sizes, int):
                 sizes = (sizes,) * settings.cascade_count
-            at = self._taken(number, settings)
+            across, cascade, _ = self._taken(number, settings)
             if len(view.edges):
-                across, cascade = at
                 across = across / np.asarray(sizes, float)[cascade][:, None]
                 least, most = np.sort(np.abs(across), axis=1).T
                 mean = most / 4.0 + least**2 / (12.0 * np.maximum(most, 1e-12))
@@ -84,7 +85,35 @@ class Forecaster:
         if settings.filter == "none":
             return float(self._signals.shadowed_share)
         soft = self.penumbra() * (SOFT_REST if settings.filter == "pcss" else 1.0)
-        return math.hypot(self.aliasing(settings), soft)
+        return math.hypot(self.aliasing(settings), soft) + self.leak(settings)
+
+    def leak(self, settings):
+        """Share of facing pixels in shadow that the bias is expected to light.
+
+        Where the occluder is nearer along the light than a quarter texel of slope: contacts, and
+        walls that the light grazes.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+
+        Returns
+        -------
+        share : float
+        """
+        if settings.bias != "auto":
+            return 0.0
+        sizes = settings.map_size
+        sizes = (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
+        lit = count = 0
+        for number, view in enumerate(self._signals.views):
+            *_, sides = self._taken(number, settings)
+            if len(view.gaps):
+                texels = sides[0] / np.asarray(sizes, float)[sides[1]]
+                bias = BIAS_TEXELS * texels * np.minimum(view.gradients, STEEPEST)
+                lit += int(np.count_nonzero(view.gaps < bias))
+            count += len(view.gaps)
+        return lit / count if count else 0.0
 
     def penumbra(self):
         """Mean absolute error of hard edges where the sun has a disc.
@@ -113,7 +142,10 @@ class Forecaster:
         )
 
     def _taken(self, number, settings):
-        """Displacement (e, 2) [pixels] by steps over a whole map, and the cascade (e,) taken."""
+        """Of the edges the displacement (e, 2) [pixels] by steps over a whole map, and the cascade.
+
+        And of the receivers the longer side [m] and the index of theirs (m,), (m,).
+        """
         one = settings.replace(map_size=2048, depth_format="d32f", filter="hard").canonical()
         key = number, one
         if key not in self._known:
@@ -122,18 +154,27 @@ class Forecaster:
 
     def _measure(self, view, settings):
         cascades = self._fitted(view, settings)
-        cascade = np.full(len(view.edges), cascades.count - 1)
-        depth = (view.edges - view.camera.eye) @ -view.camera.backward
-        for i in reversed(range(cascades.count)):
-            if settings.select == "interval":
-                inside = depth <= cascades.splits[i + 1]
-            else:
-                uv = transform_points(cascades.uvz_from_world[i], view.edges)[:, :2]
-                inside = (np.abs(uv - 0.5) <= 0.5).all(axis=1)
-            cascade[inside] = i
+        cascade = _selected(cascades, view.camera, settings, view.edges)
         gradients = cascades.uvz_from_world[cascade][:, :2, :3]
         steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
-        return np.einsum("ea,eak->ek", view.edge_across, steps), cascade
+        across = np.einsum("ea,eak->ek", view.edge_across, steps)
+        of_receivers = _selected(cascades, view.camera, settings, view.receivers)
+        windows = cascades.texel_size.max(axis=1) * np.asarray(cascades.map_size, float)
+        return across, cascade, (windows[of_receivers], of_receivers)
+
+
+def _selected(cascades, camera, settings, points):
+    """Index (m,) of the cascade that answers for each point."""
+    cascade = np.full(len(points), cascades.count - 1)
+    depth = (points - camera.eye) @ -camera.backward
+    for i in reversed(range(cascades.count)):
+        if settings.select == "interval":
+            inside = depth <= cascades.splits[i + 1]
+        else:
+            uv = transform_points(cascades.uvz_from_world[i], points)[:, :2]
+            inside = (np.abs(uv - 0.5) <= 0.5).all(axis=1)
+        cascade[inside] = i
+    return cascade
 
 
 @dataclass(frozen=True)
@@ -158,7 +199,7 @@ class CostModel:
     view_triangle: float = 0.17
     receiver_pixel: float = 7.5
     mask_pixel: float = 21.0
-    soft: float = 12.0
+    soft: float = 10.0
     map_texel: float = 7.0
     map_triangle: float = 0.55
     map_pass: float = 1.0

@@ -3,12 +3,12 @@
 import math
 from contextlib import ExitStack
 from dataclasses import dataclass, field
+from itertools import product
 
 from .camera import Camera
 from .cascades import check_kinds
 from .decisions import (
     COUNTS,
-    FACES_SHARE,
     GAIN,
     SMALLEST,
     SOFT_PIXELS,
@@ -22,7 +22,7 @@ from .forecasts import CostModel, Forecaster, forecast_cost, map_bytes
 from .renderer import Renderer
 from .scene import Scene
 from .settings import ShadowSettings
-from .signals import Signals, measure_signals
+from .signals import FACES_SHARE, Signals, measure_signals
 from .spaces import as_number
 from .sun import Sun
 from .verification import everything_on, frame_ms, table_html, table_text, verify
@@ -30,7 +30,7 @@ from .verification import everything_on, frame_ms, table_html, table_text, verif
 __all__ = ["Reasons", "Recommendation", "recommend"]
 
 SIZES = (SMALLEST, 512, 724, 1024, 1448, 2048, 2896, 4096)
-KNEE_SHARE, KNEE_PIXELS = 0.05, 3e-4  # what everything switched on may still gain
+KNEE_SHARE, KNEE_PIXELS = 0.05, 2e-4  # what everything switched on may still gain
 TIMED = 3  # frames timed of a setting; their median counts
 ROUNDS = 4  # of timing and choosing again under a budget
 
@@ -174,7 +174,7 @@ def recommend(
     A few coarse renders are measured, nothing is traced; every effect is taken or left out by a
     row of `csm.decisions.TABLE`; number, size and splits of the maps are the cheapest whose
     forecast is on the goal's side. With neither goal it is the knee: the cheapest settings to which
-    everything switched on (`csm.verification.everything_on`) is forecast to add no more than 0.03 %
+    everything switched on (`csm.verification.everything_on`) is forecast to add no more than 0.02 %
     of the pixels or 5 % of the error.
 
     Parameters
@@ -242,36 +242,44 @@ class _Search:
     def __init__(self, signals, scene, goal, largest):
         self.signals, self.goal = signals, goal
         self.forecaster = Forecaster(signals, scene)
-        self._largest = largest
+        self._largest, self._settings = largest, None
 
     def candidates(self, model):
         """All settings that are considered, with forecasts; the rows' answers are in them."""
         if not sum(view.facing_count for view in self.signals.views):
             dark = ShadowSettings(filter="none")
             return [_Candidate(dark, 0.0, forecast_cost(dark, self.signals, model))]
-        found = []
-        for count in COUNTS:
-            settings = self._arranged(count)
-            for size in SIZES:
-                one = settings.replace(map_size=size)
-                at = Situation(self.signals, self.forecaster, one)
-                one = one.replace(depth_format=wanted_format(at))
-                if one.filter == "pcss":
-                    one = one.replace(filter_size=min(wanted_size(at), _odd_below(size)))
-                if size <= self._largest and map_bytes(one) <= (self.goal["max_bytes"] or math.inf):
-                    found.append(
-                        _Candidate(
-                            one,
-                            self.forecaster.error(one),
-                            forecast_cost(one, self.signals, model),
-                        )
-                    )
+        most = self.goal["max_bytes"] or math.inf
+        found = [
+            _Candidate(one, self.forecaster.error(one), forecast_cost(one, self.signals, model))
+            for one in self._all_settings()
+            if one.map_size <= self._largest and map_bytes(one) <= most
+        ]
         if not found:
             raise ValueError(
                 f"max_bytes must hold one map of {SMALLEST} x {SMALLEST} "
                 f"(got {self.goal['max_bytes']:g})"
             )
         return found
+
+    def _all_settings(self):
+        """Every count and size; where soft shadows are called for, under them and under hard ones.
+
+        The first filter is the one that is called for.
+        """
+        if self._settings is None:
+            soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
+            self._settings = []
+            arranged = [self._arranged(count) for count in COUNTS]
+            for name in ("pcss", "hard") if soft else ("hard",):
+                for settings, size in product(arranged, SIZES):
+                    one = settings.replace(map_size=size, filter=name)
+                    at = Situation(self.signals, self.forecaster, one)
+                    one = one.replace(depth_format=wanted_format(at))
+                    if name == "pcss":
+                        one = one.replace(filter_size=min(wanted_size(at), _odd_below(size)))
+                    self._settings.append(one)
+        return self._settings
 
     def choose(self, model):
         """The candidate that the goal asks for."""
@@ -285,7 +293,10 @@ class _Search:
             return min(good, key=_cheapest) if good else min(affordable, key=_finest)
         if budget is not None:
             return min(affordable, key=_finest)
-        full = self.forecaster.error(everything_on(self.signals.views[0].sun))
+        called_for = every[0].settings.filter
+        affordable = [c for c in affordable if c.settings.filter == called_for]
+        full = everything_on(self.signals.views[0].sun).replace(filter=called_for)
+        full = self.forecaster.error(full)
         enough = max(full + KNEE_PIXELS, (1.0 + KNEE_SHARE) * full)
         good = [c for c in affordable if c.error <= enough]
         return min(good, key=_cheapest) if good else min(affordable, key=_finest)
@@ -300,12 +311,12 @@ class _Search:
             snap="exact" if moves else "none",
             cull="exclusive" if count > 1 and signals.needless_chunks else "inclusive",
             caster_faces="back" if signals.faces_matter <= FACES_SHARE else "both",
+            bias="manual" if signals.bias_matters <= FACES_SHARE else "auto",
             light_basis=(
                 "world"
                 if signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
                 else "orthonormal"
             ),
-            filter="pcss" if signals.penumbra_pixels[1] >= SOFT_PIXELS else "hard",
         )
         if signals.orthographic:
             settings = settings.replace(split="uniform")

@@ -14,7 +14,7 @@ from .cascades import fit_cascades
 from .settings import ShadowSettings
 from .spaces import frozen, transform_points
 
-__all__ = ["Signals", "View", "light_gradients", "measure_signals", "surface_steps"]
+__all__ = ["FACES_SHARE", "Signals", "View", "light_gradients", "measure_signals", "surface_steps"]
 
 COARSE = 4  # pixels of the picture along a pixel of the coarse one
 LEAST_SIZE = 32  # of a coarse picture, along either side
@@ -26,6 +26,8 @@ NO_CASCADE = 255
 DEPTH_BINS = 24
 THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin
 LAYER_RATIO = 2.0  # occluders whose distances from a receiver differ by this are layers
+
+FACES_SHARE = 2e-4  # of the coarse picture's facing pixels, that may change without back faces
 
 #: The coarse maps: four, so that casters and receivers of each are counted.
 PROBE = ShadowSettings(map_size=512, fit="visible", snap="none", cull="exclusive")
@@ -51,6 +53,8 @@ class View:
         Tangents of their normals' angle to the sun.
     gradients : (m,) float64
         ``|gx| + |gy|`` of their depth in light space [m/m], what a bias is made of.
+    gaps : (m,) float64
+        From each of them to its occluder along the light [m], inf where it is lit.
     edges : (e, 3) float64
         World points of surfaces where a shadow edge runs.
     edge_normals : (e, 3) float64
@@ -81,6 +85,7 @@ class View:
     receiver_depths: np.ndarray
     slopes: np.ndarray
     gradients: np.ndarray
+    gaps: np.ndarray
     edges: np.ndarray
     edge_normals: np.ndarray
     edge_across: np.ndarray
@@ -142,8 +147,8 @@ class Signals:
         Median of ``|gx| + |gy|``, what a depth bias is made of.
     edge_share : float
         Length of shadow edges [pixels] over the pixels that face the sun.
-    penumbra_pixels : (2,) float64
-        Median and 90th percentile of the penumbra's width.
+    penumbra_pixels : (3,) float64
+        Median, 90th and 99th percentile of the penumbra's width.
     thin_share : float
         Of casters' texels in maps of 512² that belong to casters at most two texels wide.
     layered_share : float
@@ -162,6 +167,9 @@ class Signals:
         A path was given.
     faces_matter : float
         Share of the facing pixels that change when back faces alone cast.
+    bias_matters : float
+        Share of them that change when back faces alone cast and nothing is biased; 1, unmeasured,
+        where back faces alone change too much.
     scene_triangles : int
     """
 
@@ -189,6 +197,7 @@ class Signals:
     camera_moves: bool
     sun_moves: bool
     faces_matter: float
+    bias_matters: float
     scene_triangles: int
     renders_ms: dict = field(default_factory=dict, repr=False)
 
@@ -227,14 +236,13 @@ def measure_signals(renderer, scene, cameras, suns):
     """
     last = max(len(cameras), len(suns)) - 1
     taken = sorted({0, last // 2, last})
-    views, spent = [], {}
-    faces = 0.0
+    views, spent, changes = [], {}, []
     for number in taken:
         camera, sun = cameras[min(number, len(cameras) - 1)], suns[min(number, len(suns) - 1)]
         view, changed = _look(renderer, scene, camera, sun, spent)
-        faces = max(faces, changed)
+        changes.append(changed)
         views.append(view)
-    return _summary(scene, tuple(views), cameras, suns, faces, spent)
+    return _summary(scene, tuple(views), cameras, suns, np.max(changes, axis=0), spent)
 
 
 def surface_steps(camera, points, normals, gradients):
@@ -294,17 +302,22 @@ def _look(renderer, scene, camera, sun, spent):
     """Render one view coarsely and read it."""
     small, shrink = coarse_camera(camera)
     frame = renderer.render(scene, small, sun, PROBE, outputs=PROBE_OUTPUTS)
-    back = renderer.render(
-        scene, small, sun, PROBE.replace(caster_faces="back"), outputs=("mask",)
-    )
-    for one in (frame, back):
-        for name, ms in one.timings_ms.items():
-            spent[name] = spent.get(name, 0.0) + ms
     facing = frame.valid & (frame.normal @ sun.to_light.astype(np.float32) > FACING)
     judged = facing & (frame.cascade_index != NO_CASCADE)
     lit = frame.mask >= LIT
     count = int(np.count_nonzero(facing))
-    changed = np.count_nonzero(judged & (lit != (back.mask >= LIT))) / max(count, 1)
+    for name, ms in frame.timings_ms.items():
+        spent[name] = spent.get(name, 0.0) + ms
+
+    def changed(**changes):
+        other = renderer.render(scene, small, sun, PROBE.replace(**changes), outputs=("mask",))
+        for name, ms in other.timings_ms.items():
+            spent[name] = spent.get(name, 0.0) + ms
+        return np.count_nonzero(judged & (lit != (other.mask >= LIT))) / max(count, 1)
+
+    faces = changed(caster_faces="back")
+    # without back faces alone, what needs no bias is too rare to be worth a render
+    bias = changed(caster_faces="back", bias="manual") if faces <= FACES_SHARE else 1.0
 
     rows, columns = np.nonzero(facing)
     stride = max(1, -(-len(rows) // RECEIVERS))
@@ -327,6 +340,7 @@ def _look(renderer, scene, camera, sun, spent):
         receiver_depths=frozen(frame.view_depth[rows, columns].astype(np.float64)),
         slopes=frozen(np.sqrt(1.0 / cosine**2 - 1.0)),
         gradients=frozen(in_light.sum(axis=1) / cosine),
+        gaps=frozen(_gaps(frame, receivers, rows, columns)),
         edges=frozen(edges["point"]),
         edge_normals=frozen(edges["normal"]),
         edge_across=frozen(edges["across"]),
@@ -339,7 +353,7 @@ def _look(renderer, scene, camera, sun, spent):
         cascade_shares=tuple(
             float(np.count_nonzero(index == i) / max(count, 1)) for i in range(PROBE.cascade_count)
         ),
-    ), changed
+    ), (faces, bias)
 
 
 def _positions(camera, view_depth, rows, columns):
@@ -393,6 +407,21 @@ def _smoothed(values):
     padded = np.pad(values, 2, mode="edge")
     rows = sum(w * padded[k : k + values.shape[0]] for k, w in enumerate((1, 4, 6, 4, 1)))
     return sum(w * rows[:, k : k + values.shape[1]] for k, w in enumerate((1, 4, 6, 4, 1))) / 256.0
+
+
+def _gaps(frame, points, rows, columns):
+    """Distance [m] from dark pixels to what the coarse map holds before them; inf for lit ones."""
+    gaps = np.full(len(rows), np.inf)
+    index = frame.cascade_index[rows, columns]
+    dark = frame.mask[rows, columns] < LIT
+    for i in range(frame.cascades.count):
+        on = np.flatnonzero(dark & (index == i))
+        size = frame.shadow_maps[i].shape[0]
+        uvz = transform_points(frame.cascades.uvz_from_world[i], points[on])
+        u, v = np.clip((uvz[:, :2] * size).astype(int), 0, size - 1).T
+        span = float(np.diff(frame.cascades.depth_range[i])[0])
+        gaps[on] = np.maximum((uvz[:, 2] - frame.shadow_maps[i][v, u]) * span, 0.0)
+    return gaps
 
 
 def _blockers(frame, edges):
@@ -454,7 +483,7 @@ def _thin_share(frame):
     return float(min(thin / casters, 1.0)) if casters else 0.0
 
 
-def _summary(scene, views, cameras, suns, faces, spent):
+def _summary(scene, views, cameras, suns, changes, spent):
     """Gather the views' numbers."""
     first = views[0]
 
@@ -491,7 +520,7 @@ def _summary(scene, views, cameras, suns, faces, spent):
         slope_percentiles=frozen(_percentiles(pooled("slopes"), (50, 90, 99))),
         bias_slope=float(_percentiles(pooled("gradients"), (50,))[0]),
         edge_share=length / max(facing * factor, 1.0),
-        penumbra_pixels=frozen(_percentiles(penumbra, (50, 90))),
+        penumbra_pixels=frozen(_percentiles(penumbra, (50, 90, 99))),
         thin_share=worst("thin_share"),
         layered_share=worst("layered_share"),
         light_view_angle_deg=math.degrees(
@@ -503,7 +532,8 @@ def _summary(scene, views, cameras, suns, faces, spent):
         orthographic=first.camera.orthographic,
         camera_moves=len(cameras) > 1 and any(one != cameras[0] for one in cameras[1:]),
         sun_moves=len(suns) > 1 and any(one != suns[0] for one in suns[1:]),
-        faces_matter=float(faces),
+        faces_matter=float(changes[0]),
+        bias_matters=float(changes[1]),
         scene_triangles=int(scene.triangle_count),
         renders_ms=spent,
     )

@@ -98,13 +98,7 @@ class Verification:
         """Return plain values."""
         return {
             "confirmed_share": self.confirmed_share,
-            "rows": [
-                {
-                    name: (value.to_dict() if name == "settings" else value)
-                    for name, value in vars(row).items()
-                }
-                for row in self.rows
-            ],
+            "rows": [_plain_row(row) for row in self.rows],
         }
 
     def __str__(self):
@@ -112,6 +106,14 @@ class Verification:
 
     def _repr_html_(self):
         return table_html(_HEADS, [_cells(row) for row in self.rows])
+
+
+def _plain_row(row):
+    plain = {**vars(row), "settings": row.settings.to_dict()}
+    return {
+        name: None if isinstance(value, float) and np.isnan(value) else value
+        for name, value in plain.items()
+    }
 
 
 _HEADS = ("rendered", "", "error", "flicker", "ms", "MB", "verdict")
@@ -221,6 +223,7 @@ def _verdict(reason, ours, other, moves):
     least = max(SHARE * mine, FLOOR)
     change = its - mine
     said = f"{what} {change / mine:+.1%}" if mine > FLOOR else f"{what} {100.0 * change:+.4f} %"
+    change, least = float(change), float(least)
     if not reason.taken:
         return change >= -least, abs(change) <= least, f"{said} when added"
     if reason.saves:
@@ -297,7 +300,8 @@ class _Judge:
             now = np.where(within, frame.point_visibility, np.nan), exact
             if last is not None:
                 change = np.abs(now[0] - last[0]) - np.abs(now[1] - last[1])
-                changes.append(np.nanmean(np.maximum(change, 0.0)))
+                change = change[np.isfinite(change)]
+                changes.append(np.maximum(change, 0.0).mean() if len(change) else 0.0)
             last = now
         return float(np.mean(changes)) if changes else 0.0
 

@@ -185,7 +185,8 @@ ORDER = [
     "verification", "recommendation", "director", "export",
     "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "techniques",
     "fronts", "report_pictures", "reports", "report_runs", "results", "hard_cases",
-    "pytest_plugin", "viewer", "sweep_command", "report_command", "cli", "__main__",
+    "pytest_plugin", "viewer", "sweep_command", "recommend_command", "report_command", "cli",
+    "__main__",
 ]  # fmt: skip
 JUDGES = {
     "embree", "disc", "tracing", "footprints", "sampling", "causes", "metrics", "motion",
