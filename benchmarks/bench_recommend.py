@@ -2,9 +2,9 @@
 
 ``python benchmarks/bench_recommend.py --only denhaag --out rows.jsonl`` appends a line a case, and
 leaves out those that are there already, so it can be run in parts; without ``--only`` all cases of
-the scenes of CSM_SCENES and the made scenes. ``--part 0/4`` takes every fourth pair of a scene's cameras and suns. ``--table rows.jsonl`` prints what the lines say.
-``--bytes`` compares at equal memory over the eleven views of bench_accuracy.py, ``--maps`` one map
-against four.
+the scenes of CSM_SCENES and the made scenes. ``--part 0/4`` takes every fourth pair of a scene's
+cameras and suns. ``--table rows.jsonl`` prints what the lines say. ``--bytes`` compares at equal
+memory over the eleven views of bench_accuracy.py, ``--maps`` one map against four.
 """
 
 import argparse
@@ -23,7 +23,17 @@ from csm.forecasts import Forecaster
 from csm.signals import measure_signals
 from csm.verification import frame_ms
 
-MADE = ("plane_and_box", "fence", "wires", "stairs", "long_road", "foliage", "forest", "town", "demo")
+MADE = (
+    "plane_and_box",
+    "fence",
+    "wires",
+    "stairs",
+    "long_road",
+    "foliage",
+    "forest",
+    "town",
+    "demo",
+)
 REPEATS = 1
 SOFT_RAYS = 16
 RELATIVE, ABSOLUTE = 0.05, 5e-4  # how far from everything on
@@ -49,7 +59,9 @@ def judge(renderer, scene, camera, sun):
     start = time.perf_counter()
     found = csm.recommend(scene, camera, sun, renderer=renderer)
     analysis = 1e3 * (time.perf_counter() - start)
-    proof = found.verify(renderer=renderer, rays_per_pixel=SOFT_RAYS if soft else 1, repeats=REPEATS)
+    proof = found.verify(
+        renderer=renderer, rays_per_pixel=SOFT_RAYS if soft else 1, repeats=REPEATS
+    )
     full, ours = proof.everything_on, proof.recommended
     times = {"full": [], "ours": []}
     for _ in range(3):
@@ -138,9 +150,14 @@ def table(path):
     )
     print(f"\n{len(rows)} cases; within 5 % or 0.05 % of everything on: {sum(near)}")
     print(f"time over everything on: median {np.median(ratios):.2f}")
-    print(f"decisions confirmed: {confirmed} of {count} ({confirmed / count:.1%}); {strict} strictly")
-    print(f"analysis, in frames of the recommendation: median {np.median(spent):.1f}, "
-          f"at most {max(spent):.1f}, below three in {np.mean(np.array(spent) < 3):.0%}")  # fmt: skip
+    print(
+        f"decisions confirmed: {confirmed} of {count} ({confirmed / count:.1%}); {strict} strictly"
+    )
+    below = np.mean(np.array(spent) < 3)
+    print(
+        f"analysis, in frames of the recommendation: median {np.median(spent):.1f}, "
+        f"at most {max(spent):.1f}, below three in {below:.0%}"
+    )
     by_effect = {}
     for row in rows:
         for name, _, holds, *_ in row["rows"]:
@@ -164,7 +181,10 @@ def at_equal_bytes(arguments):
     with csm.Renderer(arguments.backend) as renderer:
         for name, camera_name, sun_name in CASES:
             scene = load(f"{arguments.scenes}/{known[name]['file']}")
-            camera, sun = scene.cameras[camera_name].replace(size=arguments.size), scene.suns[sun_name]
+            camera, sun = (
+                scene.cameras[camera_name].replace(size=arguments.size),
+                scene.suns[sun_name],
+            )
             truth, line, texts = csm.truth(scene, camera, sun), [], []
             for share in (1, 4):
                 found = csm.recommend(
@@ -192,16 +212,17 @@ def one_map_or_four(arguments):
     with csm.Renderer(arguments.backend) as renderer:
         for name, camera_name, sun_name in views:
             scene = load(f"{arguments.scenes}/{known[name]['file']}")
-            camera, sun = scene.cameras[camera_name].replace(size=arguments.size), scene.suns[sun_name]
+            camera, sun = (
+                scene.cameras[camera_name].replace(size=arguments.size),
+                scene.suns[sun_name],
+            )
             truth = csm.truth(scene, camera, sun)
             forecaster = Forecaster(measure_signals(renderer, scene, [camera], [sun]), scene)
             for fit in ("sphere", "scene", "visible"):
                 four = csm.ShadowSettings(fit=fit)
                 one = four.replace(cascade_count=1, map_size=4096)
                 told = [100 * forecaster.error(s) for s in (one, four)]
-                seen = [
-                    measured(renderer, scene, camera, sun, s, truth)[0] for s in (one, four)
-                ]
+                seen = [measured(renderer, scene, camera, sun, s, truth)[0] for s in (one, four)]
                 print(f"| {name} {camera_name} {sun_name} | {fit} | {told[0]:.3f} | {told[1]:.3f} "
                       f"| {seen[0]:.3f} | {seen[1]:.3f} |", flush=True)  # fmt: skip
 

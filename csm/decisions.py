@@ -19,7 +19,9 @@ __all__ = ["COUNTS", "TABLE", "Decision", "Reason", "Situation", "wanted_format"
 
 SOFT_PIXELS = 1.0  # widest penumbra that a hard edge may stand for
 GAIN = 0.01  # an effect that changes the error by less than this share of it does not matter
-BLEND_RATIO = 2.0  # texels on both sides of a boundary whose sizes differ by less blend by themselves
+BLEND_RATIO = (
+    2.0  # texels on both sides of a boundary whose sizes differ by less blend by themselves
+)
 WORLD_ELEVATION_DEG = 20.7  # below it the skewed basis of the world's axes falls back by itself
 COUNTS = (1, 2, 3, 4, 6, 8)  # of cascades, that are considered
 SMALLEST = 256  # a map that has no edge to hold
@@ -239,11 +241,9 @@ TABLE = (
             f"leave {_percent(_excess(at, _fewer(at)))} more error"
             if _several(at)
             else f"depths in a ratio of {at.signals.depth_ratio:.3g}; two maps of as many texels "
-            f"save {_percent(max(0.0, -at.gain(**_equal_memory(at)) ))}"
+            f"save {_percent(max(0.0, -at.gain(**_equal_memory(at))))}"
         ),
-        flipped=lambda at: (
-            _fewer(at) if _several(at) else _equal_memory(at)
-        ),
+        flipped=lambda at: _fewer(at) if _several(at) else _equal_memory(at),
     ),
     Decision(
         effect="map_size",
@@ -269,7 +269,9 @@ TABLE = (
         source="SPEC of sample distribution, measured: docs/numerics.md 22",
         cost="a pass over the picture before the maps",
         taken=lambda at: at.settings.fit == "visible",
-        measured=lambda at: f"{_percent(at.gain(fit='sphere', turned=False))} less error than spheres",
+        measured=lambda at: (
+            f"{_percent(at.gain(fit='sphere', turned=False))} less error than spheres"
+        ),
         flipped=lambda at: {"fit": "sphere", "turned": False},
     ),
     Decision(
@@ -279,9 +281,11 @@ TABLE = (
         source="measured: docs/numerics.md 22",
         cost="a second pass over the picture",
         taken=lambda at: at.settings.turned,
-        measured=lambda at: f"{_percent(at.gain(turned=not at.settings.turned))} "
-        f"{'gained' if at.settings.turned else 'kept'} by windows "
-        f"{'turned' if at.settings.turned else 'along the axes'}",
+        measured=lambda at: (
+            f"{_percent(at.gain(turned=not at.settings.turned))} "
+            f"{'gained' if at.settings.turned else 'kept'} by windows "
+            f"{'turned' if at.settings.turned else 'along the axes'}"
+        ),
         flipped=lambda at: {"turned": not at.settings.turned},
     ),
     Decision(
@@ -409,7 +413,7 @@ TABLE = (
     Decision(
         effect="bias",
         calls_for="surfaces that are not square to the sun, and rounding",
-        threshold=f"more than {_percent(FACES_SHARE)} of facing pixels change without, in coarse maps",
+        threshold=f"{_percent(FACES_SHARE)} of facing pixels change without, in coarse maps",
         source="two coarse renders; the amount by the closed form: docs/numerics.md 11",
         cost="light within a quarter texel of slope",
         taken=lambda at: at.settings.bias == "auto",
@@ -417,7 +421,7 @@ TABLE = (
             f"slope {at.signals.slope_percentiles[0]:.2g}, 99 % below "
             f"{at.signals.slope_percentiles[2]:.2g}: {1e3 * _needed_bias(at):.2g} mm at the median"
             if at.settings.bias == "auto"
-            else f"{_percent(at.signals.bias_matters)} change: far sides cast, with room before them"
+            else f"{_percent(at.signals.bias_matters)} change: far sides cast, and need none"
         ),
         flipped=lambda at: {"bias": "manual" if at.settings.bias == "auto" else "auto"},
     ),

@@ -20,8 +20,8 @@ DISC = 2.0 / (3.0 * math.pi)
 SOFT_REST = 0.3
 # Of the automatic bias: texels of slope, and the steepest slope.
 BIAS_TEXELS, STEEPEST = 0.25, 1000.0
-# Measured over forecast errors: of broad casters, and what thin ones add, whose shadows a quarter of
-# the picture does not resolve and a coarse map loses altogether.
+# Measured over forecast errors: of broad casters, and what thin ones add, whose shadows a quarter
+# of the picture does not resolve and a coarse map loses altogether.
 EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
 
 
@@ -307,5 +307,3 @@ def map_bytes(settings):
     if settings.storage == "array":
         return texel * settings.cascade_count * max(sizes) ** 2
     return texel * sum(size * size for size in sizes)
-
-

@@ -130,9 +130,7 @@ class Recommendation:
         """Return settings, reasons, signals and forecasts as plain values, ready for JSON."""
         return {
             "settings": self.settings.to_dict(),
-            "reasons": [
-                {k: v for k, v in vars(r).items() if k != "flipped"} for r in self.reasons
-            ],
+            "reasons": [{k: v for k, v in vars(r).items() if k != "flipped"} for r in self.reasons],
             "signals": _plain(self.signals.to_dict()),
             "expected_error": self.expected_error,
             "expected_ms": self.expected_ms,
@@ -166,9 +164,7 @@ class Recommendation:
         return f"<p>{self._headline()}</p>{missed}{self.reasons._repr_html_()}"
 
 
-def recommend(
-    scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=None, renderer=None
-):
+def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=None, renderer=None):
     """Settings with only the effects that a scene, seen by a camera under a sun, calls for.
 
     A few coarse renders are measured, nothing is traced; every effect is taken or left out by a
@@ -363,9 +359,7 @@ def _within_budget(renderer, scene, search):
     for _ in range(ROUNDS):
         total, maps = timed(chosen.settings)
         expected_maps, expected_others = model.parts(chosen.settings, search.signals)
-        if total <= search.goal["budget_ms"] and (
-            fitting is None or chosen.error < fitting.error
-        ):
+        if total <= search.goal["budget_ms"] and (fitting is None or chosen.error < fitting.error):
             fitting = _Candidate(chosen.settings, chosen.error, total)
         factor = (total - maps) / expected_others
         model = model.scaled(factor, "frames timed here")

@@ -439,11 +439,7 @@ def _blockers(frame, edges):
         uvz = transform_points(cascades.uvz_from_world[i], edges["point"][on])
         texel = np.clip((uvz[:, :2] * size).astype(int), 1, size - 2)
         around = np.stack(
-            [
-                depths[texel[:, 1] + dv, texel[:, 0] + du]
-                for dv in (-1, 0, 1)
-                for du in (-1, 0, 1)
-            ],
+            [depths[texel[:, 1] + dv, texel[:, 0] + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)],
             axis=1,
         ).astype(np.float64)
         span = float(np.diff(cascades.depth_range[i])[0])
@@ -504,7 +500,9 @@ def _summary(scene, views, cameras, suns, changes, spent):
     fitted = fit_cascades(
         first.camera, first.sun, PROBE.replace(fit="sphere", cascade_count=1), scene=scene
     )
-    factor = float(np.prod([a / b for a, b in zip(first.camera.size, _coarse_size(first), strict=True)]))
+    factor = float(
+        np.prod([a / b for a, b in zip(first.camera.size, _coarse_size(first), strict=True)])
+    )
     length = sum(float(view.edge_lengths.sum()) for view in views)
     return Signals(
         views=views,

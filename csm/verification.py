@@ -266,7 +266,7 @@ class _Judge:
         for _ in range(repeats):
             for key, settings in wanted.items():
                 frame = self._renderer.render(
-                    self._scene, view.camera, view.sun, settings, outputs=("mask",)
+                    self._scene, view.camera, view.sun, settings, outputs=OUTPUTS
                 )
                 times[key].append(frame_ms(frame))
         return {
