@@ -17,7 +17,7 @@ from .spaces import frozen, transform_points
 __all__ = ["FACES_SHARE", "Signals", "View", "light_gradients", "measure_signals", "surface_steps"]
 
 COARSE = 4  # pixels of the picture along a pixel of the coarse one
-LEAST_SIZE = 32  # of a coarse picture, along either side
+LEAST_SIZE = 160  # of a coarse picture, along its shorter side: smaller ones lose what is thin
 RECEIVERS = 4000  # that windows are fitted to in forecasts
 EDGES = 4000  # places of edges that forecasts look at; the others count through these
 FACING = 1e-5  # as the renderer has it
@@ -291,7 +291,7 @@ def light_gradients(sun):
 
 def coarse_camera(camera):
     """Camera of the coarse picture, and how many pixels of the full one are one of its."""
-    shrink = max(1.0, min(COARSE, *(side / LEAST_SIZE for side in camera.size)))
+    shrink = max(1.0, min(COARSE, min(camera.size) / LEAST_SIZE))
     size = tuple(max(1, round(side / shrink)) for side in camera.size)
     return camera.replace(
         size=size, half_width=camera.half_width, half_height=camera.half_height

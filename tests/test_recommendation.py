@@ -147,7 +147,8 @@ def test_edge_length_is_that_of_the_full_picture(renderer, box):
     camera = box.cameras["map"].replace(half_height=5.53, size=(640, 360))
     signals = measure_signals(renderer, box, [camera], [csm.Sun((1, 1, 0))])
     # seen from above: 2 m by 2 m beside the box, whose top is lit
-    length = signals.edge_share * signals.views[0].facing_count * 16
+    seen = signals.views[0]
+    length = signals.edge_share * seen.facing_count * signals.pixels / seen.pixel_count
     assert length == pytest.approx(4 * 2 * 180 / 5.53, rel=0.15)  # corners: a coarse pixel each
 
 
