@@ -34,7 +34,7 @@ MADE = (
     "town",
     "demo",
 )
-REPEATS = 1
+REPEATS = 2
 SOFT_RAYS = 16
 RELATIVE, ABSOLUTE = 0.05, 5e-4  # how far from everything on
 FOUR = 4 * 2048**2 * 4  # bytes

@@ -369,9 +369,11 @@ TABLE = (
         cost="nothing; saves the fill of what faces the sun",
         taken=lambda at: at.settings.caster_faces == "back",
         measured=lambda at: f"{_percent(at.signals.faces_matter)} of facing pixels change",
-        flipped=lambda at: {
-            "caster_faces": "both" if at.settings.caster_faces == "back" else "back"
-        },
+        flipped=lambda at: (
+            {"caster_faces": "both", "bias": "auto"}
+            if at.settings.caster_faces == "back"
+            else {"caster_faces": "back"}
+        ),
         saves=lambda at: at.settings.caster_faces == "back",
     ),
     Decision(
