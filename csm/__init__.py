@@ -12,6 +12,7 @@ from .loading import load, load_elevation
 from .metrics import ErrorReport, compare
 from .motion import FlickerReport, flicker
 from .plans import Plan, plan
+from .recommendation import Recommendation, recommend
 from .renderer import Renderer, backends
 from .reports import report
 from .scene import Camera, Mesh, Scene, Sun
@@ -37,6 +38,7 @@ __all__ = [
     "LimitError",
     "Mesh",
     "Plan",
+    "Recommendation",
     "Renderer",
     "Scene",
     "ShaderError",
@@ -55,6 +57,7 @@ __all__ = [
     "plan",
     "plot",
     "read_check",
+    "recommend",
     "repeat_point",
     "report",
     "scenes",

@@ -24,6 +24,12 @@ from .errors import CsmError
 from .hard_cases import CASES, NO_BACKEND, collect, find_tests, missing, page, table, write_page
 from .metrics import compare, edge_yardstick
 from .progress import Progress
+from .recommend_command import (
+    RECOMMEND_EXAMPLES,
+    RECOMMEND_HELP,
+    add_recommend_options,
+    run_recommend,
+)
 from .renderer import Renderer, backends
 from .report_command import REPORT_EXAMPLES, REPORT_HELP, add_report_options, run_report
 from .results import (
@@ -176,6 +182,15 @@ def _parser():
     )
     add_report_options(reporting)
     reporting.set_defaults(run=run_report)
+    advice = commands.add_parser(
+        "recommend",
+        help="only the settings a scene calls for, each with its reason and its proof",
+        description=RECOMMEND_HELP,
+        epilog=RECOMMEND_EXAMPLES,
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    add_recommend_options(advice)
+    advice.set_defaults(run=run_recommend)
     cases = commands.add_parser(
         "hard-cases",
         help="run the tests of what is easy to get wrong; a table and a page of their figures",

@@ -91,6 +91,13 @@ SIGNATURES = {
     ],
     "Truth.trace": [("self", REQUIRED), ("points", REQUIRED)],
     "compare": [("frame", REQUIRED), ("truth", REQUIRED)],
+    "recommend": [
+        ("scene", REQUIRED),
+        ("camera", REQUIRED),
+        ("sun", REQUIRED),
+        ("max_error", None, KEYWORD),
+        ("budget_ms", None, KEYWORD),
+    ],
     "sweep": [
         ("cases", REQUIRED),
         ("axes", REQUIRED),

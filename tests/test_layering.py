@@ -181,10 +181,12 @@ ORDER = [
     "renderer", "embree", "disc", "tracing", "footprints", "sampling", "causes", "metrics",
     "measures", "motion", "checks", "check_files", "progress", "arguments", "digests", "timing",
     "truth_cache", "sweep_points", "sweep_cases", "sweep_journal", "sweep_worker", "sweep_runs",
-    "sweep_tables", "sweep_provenance", "sweeps", "recommendation", "director", "export",
+    "sweep_tables", "sweep_provenance", "sweeps", "signals", "forecasts", "decisions",
+    "verification", "recommendation", "director", "export",
     "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "techniques",
     "fronts", "report_pictures", "reports", "report_runs", "results", "hard_cases",
-    "pytest_plugin", "viewer", "sweep_command", "report_command", "cli", "__main__",
+    "pytest_plugin", "viewer", "sweep_command", "recommend_command", "report_command", "cli",
+    "__main__",
 ]  # fmt: skip
 JUDGES = {
     "embree", "disc", "tracing", "footprints", "sampling", "causes", "metrics", "motion",

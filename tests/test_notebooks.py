@@ -211,3 +211,16 @@ def test_page_of_pictures_shows_what_its_script_draws():
     for words, name in shown:
         assert len(words) > 30, "said in words for those who cannot see it"
         assert 5_000 < (docs / name).stat().st_size < 150_000
+
+
+def test_recommendation_notebook_shows_what_it_says(outcome):
+    variables, _ = outcome("08_only_what_is_called_for.py")
+    little = {name: one.settings for name, one in variables["little"].items()}
+    assert [one.filter for one in little.values()] == ["hard", "pcss", "none", "hard"]
+    assert [one.snap for one in little.values()][::3] == ["none", "exact"]
+    assert variables["error"] < 0.01
+    costs, goals = variables["costs"], variables["goals"]
+    assert costs == sorted(costs)
+    assert all(one.expected_error <= g for one, g in zip(variables["answers"], goals, strict=True))
+    assert all(np.array(variables["measured"]) < 2.5 * np.array(goals))
+    assert variables["proof"].confirmed_share >= 0.75

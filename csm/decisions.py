@@ -1,0 +1,488 @@
+"""Which effects a scene calls for: one table, one row an effect.
+
+A row says what calls for the effect, from which threshold on and where that comes from, and what
+the effect costs. Every row answers for every scene: what was taken, and what was left out, each
+with its measurement. `csm.recommend` asks the rows; `Recommendation.verify` turns each answer
+round and looks whether the picture minds.
+"""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+from .forecasts import map_bytes
+from .settings import ShadowSettings
+from .signals import FACES_SHARE
+
+__all__ = ["COUNTS", "TABLE", "Decision", "Reason", "Situation", "wanted_format", "wanted_size"]
+
+SOFT_PIXELS = 1.0  # widest penumbra that a hard edge may stand for
+GAIN = 0.01  # an effect that changes the error by less than this share of it does not matter
+BLEND_RATIO = (
+    2.0  # texels on both sides of a boundary whose sizes differ by less blend by themselves
+)
+WORLD_ELEVATION_DEG = 20.7  # below it the skewed basis of the world's axes falls back by itself
+COUNTS = (1, 2, 3, 4, 6, 8)  # of cascades, that are considered
+SMALLEST = 256  # a map that has no edge to hold
+LARGEST_KERNEL = 65
+
+
+@dataclass(frozen=True)
+class Situation:
+    """What rows are asked about.
+
+    Attributes
+    ----------
+    signals : Signals
+    forecaster : Forecaster
+    settings : ShadowSettings
+        As decided so far: sizes, splits and all of it when the reasons are written.
+    """
+
+    signals: object
+    forecaster: object
+    settings: ShadowSettings
+
+    @property
+    def moves(self):
+        """Whether camera or sun move."""
+        return self.signals.camera_moves or self.signals.sun_moves
+
+    def gain(self, **changes):
+        """Share of the error that the settings save against changed ones, as forecast."""
+        with_it = self.forecaster.aliasing(self.settings)
+        without = self.forecaster.aliasing(self.settings.replace(**changes))
+        return 1.0 - with_it / without if without > 0.0 else 0.0
+
+    def texel(self):
+        """Side [m] of the finest cascade's texel, and of the coarsest."""
+        sides = self.forecaster.texel_sides(self.settings)
+        return float(sides.min()), float(sides.max())
+
+
+@dataclass(frozen=True)
+class Reason:
+    """Why an effect was taken or left out.
+
+    Attributes
+    ----------
+    effect : str
+        The setting it is about.
+    value : object
+        What it was set to.
+    taken : bool
+    measured : str
+        What was seen, with its unit.
+    threshold : str
+        What would have turned it.
+    source : str
+        Where the threshold comes from.
+    cost : str
+        What the effect costs, or saves.
+    flipped : ShadowSettings or None
+        The settings with this answer turned round.
+    saves : bool
+        Taken to save time or memory, not to lower the error.
+    """
+
+    effect: str
+    value: object
+    taken: bool
+    measured: str
+    threshold: str
+    source: str
+    cost: str
+    flipped: ShadowSettings | None
+    saves: bool = False
+
+
+@dataclass(frozen=True)
+class Decision:
+    """A row of the table.
+
+    Attributes
+    ----------
+    effect : str
+    calls_for, threshold, source, cost : str
+        For people.
+    taken : callable
+        Of a Situation: whether the settings have the effect.
+    measured : callable
+        Of a Situation: text of what calls for it or does not.
+    flipped : callable
+        Of a Situation: changes that turn the answer round, None where there is nothing to turn.
+    saves : bool
+    """
+
+    effect: str
+    calls_for: str
+    threshold: str
+    source: str
+    cost: str
+    taken: Callable
+    measured: Callable
+    flipped: Callable
+    saves: Callable = lambda at: False
+
+    def reason(self, at):
+        """Answer for a situation.
+
+        Parameters
+        ----------
+        at : Situation
+
+        Returns
+        -------
+        reason : Reason
+        """
+        changes = self.flipped(at)
+        setting = "filter" if self.effect == "shadows" else self.effect
+        return Reason(
+            effect=self.effect,
+            value=getattr(at.settings, setting),
+            taken=bool(self.taken(at)),
+            measured=self.measured(at),
+            threshold=self.threshold,
+            source=self.source,
+            cost=self.cost,
+            flipped=None if changes is None else at.settings.replace(**changes),
+            saves=bool(self.saves(at)),
+        )
+
+
+# -- what rows ask --------------------------------------------------------------------------------
+
+
+def wanted_format(at):
+    """Depth format: 16 bits where their step is below the bias that surfaces need anyway."""
+    return "d16" if _quantum_16(at) < _needed_bias(at) else "d32f"
+
+
+def wanted_size(at):
+    """Kernel of soft shadows [texels]: the 90th percentile of the penumbra, and what it rounds."""
+    widths = []
+    for view in at.signals.views:
+        if len(view.edges):
+            widths.append(np.percentile(view.penumbra_metres(), 90))
+    texels = max(widths, default=0.0) / at.texel()[0]
+    return int(min(max(5, 2 * int(np.ceil(0.5 * texels)) + 3), LARGEST_KERNEL))
+
+
+def _quantum_16(at):
+    return at.signals.depth_span / 65535.0
+
+
+def _needed_bias(at):
+    return 0.25 * at.texel()[0] * at.signals.bias_slope
+
+
+def _several(at):
+    return at.settings.cascade_count > 1
+
+
+def _equal_memory(at):
+    """Two maps of as many texels as one."""
+    side = int(at.settings.map_size / np.sqrt(2.0))
+    return {"cascade_count": 2, "map_size": max(side, 1)}
+
+
+def _fewer(at):
+    return {"cascade_count": max(n for n in COUNTS if n < at.settings.cascade_count)}
+
+
+def _half_size(at):
+    return {"map_size": max(1, at.settings.map_size // 2)}
+
+
+def _blend_ratio(at):
+    finest, coarsest = at.texel()
+    return coarsest / finest
+
+
+def _excess(at, changes):
+    gain = at.gain(**changes)
+    return gain / (1.0 - gain) if gain < 1.0 else 0.0
+
+
+def _percent(share):
+    return f"{100.0 * share:.3g} %"
+
+
+# -- the table ------------------------------------------------------------------------------------
+
+TABLE = (
+    Decision(
+        effect="shadows",
+        calls_for="a visible surface that faces the sun",
+        threshold="any",
+        source="a surface turned from the sun is dark under any map",
+        cost="every map, and most of the mask's pass",
+        taken=lambda at: at.settings.filter != "none",
+        measured=lambda at: (
+            f"{_percent(at.signals.facing_share)} of what is seen faces the sun, "
+            f"{_percent(at.signals.shadowed_share)} of that in shadow"
+        ),
+        flipped=lambda at: (
+            {"filter": "none"}
+            if at.settings.filter != "none"
+            else {"filter": "hard", "cascade_count": 1, "map_size": SMALLEST}
+        ),
+    ),
+    Decision(
+        effect="cascade_count",
+        calls_for="receivers at depths of very different scale, with shadow edges at both",
+        threshold="the cheapest count and size on the goal's side of the front",
+        source="forecast of every count and size: docs/recommendation.md, docs/numerics.md 13",
+        cost="a map each: its texels, and its casters once more",
+        taken=_several,
+        measured=lambda at: (
+            f"depths in a ratio of {at.signals.depth_ratio:.3g}; {_fewer(at)['cascade_count']} "
+            f"leave {_percent(_excess(at, _fewer(at)))} more error"
+            if _several(at)
+            else f"depths in a ratio of {at.signals.depth_ratio:.3g}; two maps of as many texels "
+            f"save {_percent(max(0.0, -at.gain(**_equal_memory(at))))}"
+        ),
+        flipped=lambda at: _fewer(at) if _several(at) else _equal_memory(at),
+    ),
+    Decision(
+        effect="map_size",
+        calls_for="shadow edges, and texels that are large in the picture",
+        threshold="the cheapest count and size on the goal's side of the front",
+        source="a texel displaces an edge by a quarter of itself: docs/numerics.md 13",
+        cost="its square in texels",
+        taken=lambda at: at.signals.edge_share > 0.0,
+        measured=lambda at: (
+            f"edges of {1e3 * at.signals.edge_share:.3g} px per 1000 px; half the size leaves "
+            f"{_percent(_excess(at, _half_size(at)))} more error"
+        ),
+        flipped=lambda at: (
+            _half_size(at)
+            if at.signals.edge_share > 0.0
+            else {"map_size": 2 * at.settings.map_size}
+        ),
+    ),
+    Decision(
+        effect="fit",
+        calls_for="anything seen: windows round it hold nothing else",
+        threshold="the forecast gains 1 %",
+        source="SPEC of sample distribution, measured: docs/numerics.md 22",
+        cost="a pass over the picture before the maps",
+        taken=lambda at: at.settings.fit == "visible",
+        measured=lambda at: (
+            f"{_percent(at.gain(fit='sphere', turned=False))} less error than spheres"
+        ),
+        flipped=lambda at: {"fit": "sphere", "turned": False},
+    ),
+    Decision(
+        effect="turned",
+        calls_for="a still whose receivers lie along no axis of the light",
+        threshold="the forecast gains 1 %; never in motion, where it cannot be snapped",
+        source="measured: docs/numerics.md 22",
+        cost="a second pass over the picture",
+        taken=lambda at: at.settings.turned,
+        measured=lambda at: (
+            f"{_percent(at.gain(turned=not at.settings.turned))} "
+            f"{'gained' if at.settings.turned else 'kept'} by windows "
+            f"{'turned' if at.settings.turned else 'along the axes'}"
+        ),
+        flipped=lambda at: {"turned": not at.settings.turned},
+    ),
+    Decision(
+        effect="split",
+        calls_for="cascades without receivers under the default scheme",
+        threshold="the forecast gains 1 % over practical",
+        source="forecast; docs/numerics.md 17",
+        cost="a reduction over the picture",
+        taken=lambda at: at.settings.split != "practical",
+        measured=lambda at: (
+            "receivers of four practical cascades: "
+            + " ".join(f"{100.0 * share:.0f}" for share in at.signals.cascade_shares)
+            + " %"
+        ),
+        flipped=lambda at: (
+            {"split": "practical"} if at.settings.split != "practical" else {"split": "sdsm"}
+        ),
+    ),
+    Decision(
+        effect="snap",
+        calls_for="motion: texels that move flicker",
+        threshold="a path of cameras or suns",
+        source="docs/numerics.md 7 and 22: flicker 0.3 % free, 0.00 to 0.02 % snapped",
+        cost="sizes rounded up to steps of 9 %",
+        taken=lambda at: at.settings.snap != "none",
+        measured=lambda at: "camera or sun moves" if at.moves else "a still",
+        flipped=lambda at: {"snap": "none" if at.settings.snap != "none" else "exact"},
+    ),
+    Decision(
+        effect="light_basis",
+        calls_for="a moving sun: the grid on the ground stands still along the world's axes",
+        threshold=f"the sun moves, and stands above {WORLD_ELEVATION_DEG} degrees",
+        source="docs/numerics.md 18",
+        cost="texels stretched along the light",
+        taken=lambda at: at.settings.light_basis != "orthonormal",
+        measured=lambda at: (
+            f"sun {'moves' if at.signals.sun_moves else 'stands still'} at "
+            f"{at.signals.sun_elevation_deg:.0f} degrees"
+        ),
+        flipped=lambda at: {
+            "light_basis": "world" if at.settings.light_basis == "orthonormal" else "orthonormal"
+        },
+    ),
+    Decision(
+        effect="select",
+        calls_for="several maps that overlap: the finest that holds a point answers",
+        threshold="several cascades, and 1 % of error or casters that finer maps make needless",
+        source="docs/numerics.md 9 and 24",
+        cost="a few multiplications a pixel",
+        taken=lambda at: _several(at) and at.settings.select == "map",
+        measured=lambda at: (
+            f"{_percent(1.0 - 1.0 / (1.0 + _excess(at, {'select': 'interval'})))} less error than "
+            "by depth"
+            if _several(at)
+            else "one map: nothing to select"
+        ),
+        flipped=lambda at: {"select": "interval" if at.settings.select == "map" else "map"},
+        saves=lambda at: at.settings.cull == "exclusive" and at.gain(select="interval") < GAIN,
+    ),
+    Decision(
+        effect="cull",
+        calls_for="map selection, and casters wholly under a finer map",
+        threshold="selection by map, and a chunk so left out in the coarse maps",
+        source="docs/numerics.md 24: changes no mask",
+        cost="nothing; saves triangles",
+        taken=lambda at: at.settings.cull == "exclusive",
+        measured=lambda at: (
+            f"four maps leave out {at.signals.needless_chunks} chunks more, and draw "
+            f"{sum(at.signals.casters):,} triangles"
+        ),
+        flipped=lambda at: {
+            "cull": "inclusive" if at.settings.cull == "exclusive" else "exclusive"
+        },
+        saves=lambda at: at.settings.cull == "exclusive",
+    ),
+    Decision(
+        effect="caster_faces",
+        calls_for="closed casters: their far sides throw the same shadow",
+        threshold=f"at most {_percent(FACES_SHARE)} of facing pixels change in the coarse picture",
+        source="two coarse renders, compared",
+        cost="nothing; saves the fill of what faces the sun",
+        taken=lambda at: at.settings.caster_faces == "back",
+        measured=lambda at: f"{_percent(at.signals.faces_matter)} of facing pixels change",
+        flipped=lambda at: (
+            {"caster_faces": "both", "bias": "auto"}
+            if at.settings.caster_faces == "back"
+            else {"caster_faces": "back"}
+        ),
+        saves=lambda at: at.settings.caster_faces == "back",
+    ),
+    Decision(
+        effect="filter",
+        calls_for="a sun with a disc, and occluders far from their shadows",
+        threshold=f"99th percentile of the penumbra at least {SOFT_PIXELS:g} px",
+        source="a narrower one is less than a step between pixels",
+        cost="a search and a kernel at every pixel",
+        taken=lambda at: at.settings.filter not in ("hard", "none"),
+        measured=lambda at: (
+            f"penumbra {at.signals.penumbra_pixels[0]:.2g} px, 99 % below "
+            f"{at.signals.penumbra_pixels[2]:.2g} px"
+        ),
+        flipped=lambda at: _other_filter(at),
+    ),
+    Decision(
+        effect="blend",
+        calls_for="a visible boundary of cascades whose texels differ, under a soft filter",
+        threshold=f"a soft filter, and texels in a ratio above {BLEND_RATIO:g}",
+        source="hard edges have nothing to blend: docs/numerics.md 9, 24",
+        cost="two maps looked up in the band",
+        taken=lambda at: at.settings.blend != "none",
+        measured=lambda at: (
+            f"{at.settings.cascade_count} cascades, texels in a ratio of {_blend_ratio(at):.2g}, "
+            f"filter {at.settings.filter}"
+        ),
+        flipped=lambda at: {"blend": "linear" if at.settings.blend == "none" else "none"},
+    ),
+    Decision(
+        effect="fade_width",
+        calls_for="a shadow range that ends in sight",
+        threshold="receivers beyond the range",
+        source="view_range scene ends behind the scene: docs/numerics.md 2",
+        cost="light over true shadows at the end",
+        taken=lambda at: at.settings.fade_width > 0.0,
+        measured=lambda at: "the range holds all that is seen",
+        flipped=lambda at: {"fade_width": 0.1},
+    ),
+    Decision(
+        effect="bias",
+        calls_for="surfaces that are not square to the sun, and rounding",
+        threshold=f"{_percent(FACES_SHARE)} of facing pixels change without, in coarse maps",
+        source="two coarse renders; the amount by the closed form: docs/numerics.md 11",
+        cost="light within a quarter texel of slope",
+        taken=lambda at: at.settings.bias == "auto",
+        measured=lambda at: (
+            f"slope {at.signals.slope_percentiles[0]:.2g}, 99 % below "
+            f"{at.signals.slope_percentiles[2]:.2g}: {1e3 * _needed_bias(at):.2g} mm at the median"
+            if at.settings.bias == "auto"
+            else f"{_percent(at.signals.bias_matters)} change: far sides cast, and need none"
+        ),
+        flipped=lambda at: {"bias": "manual" if at.settings.bias == "auto" else "auto"},
+    ),
+    Decision(
+        effect="depth_format",
+        calls_for="depth steps below the bias that slopes need anyway",
+        threshold="a step of 16 bits < 1/4 texel * median slope",
+        source="quantum against bias: docs/numerics.md 11",
+        cost="nothing; saves half the bytes",
+        taken=lambda at: at.settings.depth_format == "d16",
+        measured=lambda at: (
+            f"step {1e3 * _quantum_16(at):.2g} mm over {at.signals.depth_span:.3g} m, "
+            f"bias {1e3 * _needed_bias(at):.2g} mm"
+        ),
+        flipped=lambda at: {"depth_format": "d16" if at.settings.depth_format != "d16" else "d32f"},
+        saves=lambda at: at.settings.depth_format == "d16",
+    ),
+    Decision(
+        effect="storage",
+        calls_for="maps of different sizes",
+        threshold="any difference",
+        source="docs/numerics.md 24: layers are as large as the largest",
+        cost="nothing in a mask",
+        taken=lambda at: at.settings.storage != "array",
+        measured=lambda at: f"maps of one size, {map_bytes(at.settings) / 1e6:.3g} MB",
+        flipped=lambda at: {"storage": "separate"},
+    ),
+    Decision(
+        effect="depth_range",
+        calls_for="a depth step that shows, over a range much longer than a window's part",
+        threshold="needs 16 bits, and a step above the bias",
+        source="docs/numerics.md 19",
+        cost="ranges that change from map to map; no exclusive culling",
+        taken=lambda at: at.settings.depth_range != "scene",
+        measured=lambda at: f"{at.signals.depth_span:.3g} m, {at.settings.depth_format}",
+        flipped=lambda at: {"depth_range": "window"},
+    ),
+    Decision(
+        effect="warp",
+        calls_for="one map down a long view across the light",
+        threshold="never where windows are fitted to what is seen: cascades do it better",
+        source="docs/numerics.md 21",
+        cost="no snapping, post-projective depth",
+        taken=lambda at: at.settings.warp != "none",
+        measured=lambda at: (
+            f"light {at.signals.light_view_angle_deg:.0f} degrees from the view, depths in a ratio "
+            f"of {at.signals.depth_ratio:.3g}"
+        ),
+        flipped=lambda at: {"warp": "lispsm"},
+    ),
+)
+
+
+def _other_filter(at):
+    """Turn the filter's answer: a hard one for a soft, a soft one for a hard."""
+    if at.settings.filter not in ("hard", "none"):
+        return {"filter": "hard"}
+    if at.settings.filter == "none":
+        return None
+    if at.signals.views[0].sun.angular_diameter_deg > 0.0:
+        return {"filter": "pcss", "filter_size": wanted_size(at)}
+    return {"filter": "pcf", "filter_size": 3}

@@ -1,0 +1,102 @@
+"""The subcommand `csm recommend`: only the settings a scene calls for, and their proof."""
+
+import json
+
+from .arguments import find_camera, find_scene, find_sun, parse_size
+from .progress import Progress
+from .recommendation import recommend
+from .renderer import Renderer
+
+__all__ = [
+    "RECOMMEND_EXAMPLES",
+    "RECOMMEND_HELP",
+    "add_recommend_options",
+    "run_recommend",
+]
+
+RECOMMEND_HELP = """\
+Look at a scene on a few coarse renders and say which settings it calls for: how many cascades, of
+what size, which filter, bias, format …, each with the measurement that called for it, and each
+effect left out with the measurement that says it would not matter. docs/recommendation.md has the
+table.
+
+SCENE is a file or the name of a made scene, as for csm render.
+"""
+
+RECOMMEND_EXAMPLES = """\
+examples:
+  csm recommend town
+  csm recommend town.glb --camera street --sun 238,33 --max-error 0.002
+  csm recommend forest --budget-ms 150 --verify
+  csm recommend stairs --json > stairs.json
+
+exit status: 0 done, 1 the goal is out of reach (the nearest is printed), 2 bad input
+"""
+
+
+def add_recommend_options(command):
+    """Add the options of `csm recommend` to its parser."""
+    add = command.add_argument
+    add("scene", metavar="SCENE", help="a file, or the name of a made scene")
+    add("--camera", metavar="CAMERA", help="as for csm render; default: the scene's first")
+    add("--sun", metavar="SUN", help="as for csm render; default: the scene's first")
+    add(
+        "--sun-diameter",
+        metavar="DEG",
+        type=float,
+        help="width of the sun's disc (default: the named sun's own, or 0)",
+    )
+    add("--size", metavar="WxH", default="1280x720", help="pixels (default 1280x720)")
+    add("--ground", metavar="Y", type=float, help="put a ground under the scene at this height")
+    add(
+        "--max-error",
+        metavar="SHARE",
+        type=float,
+        help="cheapest settings whose forecast error is at most this share, 0 to 1",
+    )
+    add("--budget-ms", metavar="MS", type=float, help="best settings within this time here")
+    add("--max-bytes", metavar="N", type=int, help="bytes of shadow maps, at most")
+    add("--verify", action="store_true", help="turn every decision round and judge by the truth")
+    add("--json", action="store_true", help="print everything as JSON")
+    add(
+        "--backend",
+        choices=("auto", "egl", "osmesa", "glfw"),
+        default="auto",
+        help="how OpenGL is opened (default auto, which CSM_BACKEND replaces)",
+    )
+    add("--quiet", action="store_true", help="no progress on stderr")
+
+
+def run_recommend(options):
+    """Run the subcommand; 1 if the goal is out of reach."""
+    size = parse_size(options.size)
+    progress = Progress(quiet=options.quiet)
+    with progress.stage(f"loading {options.scene}"):
+        scene = find_scene(options.scene, options.ground)
+    _, camera = find_camera(scene, options.camera, size)
+    _, sun = find_sun(scene, options.sun, options.sun_diameter)
+    proof = None
+    with Renderer(backend=options.backend) as renderer:
+        with progress.stage("looking at the scene"):
+            found = recommend(
+                scene,
+                camera,
+                sun,
+                max_error=options.max_error,
+                budget_ms=options.budget_ms,
+                max_bytes=options.max_bytes,
+                renderer=renderer,
+            )
+        if options.verify:
+            with progress.stage("turning every decision round"):
+                proof = found.verify(renderer=renderer)
+    if options.json:
+        told = found.to_dict()
+        if proof is not None:
+            told["verification"] = proof.to_dict()
+        print(json.dumps(told, indent=2))
+    else:
+        print(found)
+        if proof is not None:
+            print(f"\n{proof}")
+    return int(not found.met)

@@ -1,0 +1,453 @@
+"""Only the effects a scene calls for, each with the measurement that called for it."""
+
+import math
+from contextlib import ExitStack
+from dataclasses import dataclass, field
+from itertools import product
+
+from .camera import Camera
+from .cascades import check_kinds
+from .decisions import (
+    COUNTS,
+    GAIN,
+    SMALLEST,
+    SOFT_PIXELS,
+    TABLE,
+    WORLD_ELEVATION_DEG,
+    Situation,
+    wanted_format,
+    wanted_size,
+)
+from .forecasts import CostModel, Forecaster, forecast_cost, map_bytes
+from .renderer import Renderer
+from .scene import Scene
+from .settings import ShadowSettings
+from .signals import FACES_SHARE, Signals, measure_signals
+from .spaces import as_number
+from .sun import Sun
+from .verification import everything_on, frame_ms, table_html, table_text, verify
+
+__all__ = ["Reasons", "Recommendation", "recommend"]
+
+SIZES = (SMALLEST, 512, 724, 1024, 1448, 2048, 2896, 4096)
+KNEE_SHARE, KNEE_PIXELS = 0.05, 2e-4  # what everything switched on may still gain
+TIMED = 3  # frames timed of a setting; their median counts
+ROUNDS = 4  # of timing and choosing again under a budget
+
+
+class Reasons(tuple):
+    """A tuple of `csm.decisions.Reason` that prints as a short table."""
+
+    __slots__ = ()
+    _HEADS = ("effect", "", "measured", "threshold", "cost")
+
+    def _rows(self):
+        return [
+            (
+                r.effect,
+                _shown(r),
+                r.measured,
+                r.threshold,
+                r.cost,
+            )
+            for r in self
+        ]
+
+    def __str__(self):
+        return table_text(self._HEADS, self._rows())
+
+    def _repr_html_(self):
+        return table_html(self._HEADS, self._rows())
+
+
+@dataclass(frozen=True, eq=False)
+class Recommendation:
+    """What `recommend` found. Prints as a short table; a table in Jupyter, too.
+
+    Attributes
+    ----------
+    settings : ShadowSettings
+    reasons : Reasons
+        One a row of `csm.decisions.TABLE`: effect, value, taken or not, what was measured, the
+        threshold and its source, the cost.
+    signals : Signals
+        What was measured.
+    expected_error : float
+        Forecast, not rendered: see `verify`.
+    expected_ms : float
+        Forecast; for this machine only under ``budget_ms``.
+    map_bytes : int
+        Of the shadow maps.
+    goal : dict
+        ``max_error``, ``budget_ms``, ``max_bytes`` as given.
+    met : bool
+        Whether the forecast meets the goal.
+    obstacle : str or None
+        Which effect stands in the way if not.
+    scene : Scene
+    path : (tuple of Camera, tuple of Sun)
+    """
+
+    settings: ShadowSettings
+    reasons: Reasons
+    signals: Signals
+    expected_error: float
+    expected_ms: float
+    map_bytes: int
+    goal: dict
+    met: bool
+    obstacle: str | None
+    scene: Scene = field(repr=False)
+    path: tuple = field(repr=False)
+
+    def verify(self, *, renderer=None, rays_per_pixel=None, repeats=3):
+        """Render everything on, the recommendation, and it with each decision turned round.
+
+        Parameters
+        ----------
+        renderer : Renderer, optional
+            One of its own by default.
+        rays_per_pixel : int, optional
+            Of the truth; by default 1 for a point sun, 64 for a disc.
+        repeats : int
+            Frames timed of each.
+
+        Returns
+        -------
+        verification : Verification
+            A table of error, milliseconds and bytes that proves or refutes every reason.
+
+        Raises
+        ------
+        ImportError
+            If embreex is missing.
+        """
+        with ExitStack() as stack:
+            renderer = renderer or stack.enter_context(Renderer())
+            return verify(renderer, self, rays_per_pixel=rays_per_pixel, repeats=repeats)
+
+    def to_dict(self):
+        """Return settings, reasons, signals and forecasts as plain values, ready for JSON."""
+        return {
+            "settings": self.settings.to_dict(),
+            "reasons": [{k: v for k, v in vars(r).items() if k != "flipped"} for r in self.reasons],
+            "signals": _plain(self.signals.to_dict()),
+            "expected_error": self.expected_error,
+            "expected_ms": self.expected_ms,
+            "map_bytes": self.map_bytes,
+            "goal": dict(self.goal),
+            "met": self.met,
+            "obstacle": self.obstacle,
+        }
+
+    def _headline(self):
+        s = self.settings
+        size = s.map_size if isinstance(s.map_size, int) else max(s.map_size)
+        what = (
+            "no shadow maps"
+            if s.filter == "none"
+            else f"{s.cascade_count} x {size}² {s.depth_format.upper()}, {s.filter}, fit {s.fit}"
+        )
+        return (
+            f"{what}: {100.0 * self.expected_error:.2g} % error and {self.expected_ms:.0f} ms "
+            f"forecast, {self.map_bytes / 1e6:.1f} MB of maps"
+        )
+
+    def __str__(self):
+        lines = [self._headline()]
+        if not self.met:
+            lines.append(f"goal not met: {self.obstacle}")
+        return "\n".join([*lines, "", str(self.reasons)])
+
+    def _repr_html_(self):
+        missed = "" if self.met else f"<p>goal not met: {self.obstacle}</p>"
+        return f"<p>{self._headline()}</p>{missed}{self.reasons._repr_html_()}"
+
+
+def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=None, renderer=None):
+    """Settings with only the effects that a scene, seen by a camera under a sun, calls for.
+
+    A few coarse renders are measured, nothing is traced; every effect is taken or left out by a
+    row of `csm.decisions.TABLE`; number, size and splits of the maps are the cheapest whose
+    forecast is on the goal's side. With neither goal it is the knee: the cheapest settings to which
+    everything switched on (`csm.verification.everything_on`) is forecast to add no more than 0.02 %
+    of the pixels or 5 % of the error.
+
+    Parameters
+    ----------
+    scene : Scene
+    camera : Camera, or sequence of Camera
+        Several are a path: what stabilises is then looked at, too.
+    sun : Sun, or sequence of Sun
+        Several are a path; as many as the cameras, or one of either.
+    max_error : float, optional
+        Share, on the larger of disagreement and mean absolute error: the cheapest settings whose
+        forecast reaches it.
+    budget_ms : float, optional
+        Milliseconds of a whole frame on this machine: the best settings within it. Frames are
+        timed for it, so two runs may choose otherwise; without it nothing depends on time, and the
+        same input on the same driver gives the same recommendation.
+    max_bytes : int, optional
+        Of the shadow maps: nothing larger is considered.
+    renderer : Renderer, optional
+        One of its own by default.
+
+    Returns
+    -------
+    recommendation : Recommendation
+        With `met` False, the nearest, and the effect that stands in the way.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind or out of range.
+    """
+    cameras, suns = _path(camera, Camera, "camera"), _path(sun, Sun, "sun")
+    check_kinds(scene=scene)
+    if len(cameras) > 1 and len(suns) > 1 and len(cameras) != len(suns):
+        raise ValueError(
+            f"camera and sun must be as many, or one (got {len(cameras)} and {len(suns)})"
+        )
+    goal = {
+        "max_error": _goal("max_error", max_error, 0.0, 1.0),
+        "budget_ms": _goal("budget_ms", budget_ms, 1e-6, 1e9),
+        "max_bytes": _goal("max_bytes", max_bytes, 1.0, 1e15),
+    }
+    with ExitStack() as stack:
+        renderer = renderer or stack.enter_context(Renderer())
+        signals = measure_signals(renderer, scene, cameras, suns)
+        search = _Search(signals, scene, goal, renderer.info["max_texture_size"])
+        model = CostModel()
+        if goal["budget_ms"] is not None:
+            chosen, model = _within_budget(renderer, scene, search)
+        else:
+            chosen = search.choose(model)
+    return _report(search, chosen, model, scene, (cameras, suns), goal)
+
+
+@dataclass(frozen=True)
+class _Candidate:
+    settings: ShadowSettings
+    error: float
+    ms: float
+
+
+class _Search:
+    """Number, size, splits and axes of the maps."""
+
+    def __init__(self, signals, scene, goal, largest):
+        self.signals, self.goal = signals, goal
+        self.forecaster = Forecaster(signals, scene)
+        self._largest, self._settings = largest, None
+
+    def candidates(self, model):
+        """All settings that are considered, with forecasts; the rows' answers are in them."""
+        if not sum(view.facing_count for view in self.signals.views):
+            dark = ShadowSettings(filter="none")
+            return [_Candidate(dark, 0.0, forecast_cost(dark, self.signals, model))]
+        most = self.goal["max_bytes"] or math.inf
+        found = [
+            _Candidate(one, self.forecaster.error(one), forecast_cost(one, self.signals, model))
+            for one in self._all_settings()
+            if one.map_size <= self._largest and map_bytes(one) <= most
+        ]
+        if not found:
+            raise ValueError(
+                f"max_bytes must hold one map of {SMALLEST} x {SMALLEST} "
+                f"(got {self.goal['max_bytes']:g})"
+            )
+        return found
+
+    def _all_settings(self):
+        """Every count and size; where soft shadows are called for, under them and under hard ones.
+
+        The first filter is the one that is called for.
+        """
+        if self._settings is None:
+            soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
+            self._settings = []
+            arranged = [self._arranged(count) for count in COUNTS]
+            for name in ("pcss", "hard") if soft else ("hard",):
+                for settings, size in product(arranged, SIZES):
+                    one = settings.replace(map_size=size, filter=name)
+                    at = Situation(self.signals, self.forecaster, one)
+                    one = one.replace(depth_format=wanted_format(at))
+                    if name == "pcss":
+                        one = one.replace(filter_size=min(wanted_size(at), _odd_below(size)))
+                    self._settings.append(one)
+        return self._settings
+
+    def choose(self, model):
+        """The candidate that the goal asks for."""
+        every = self.candidates(model)
+        limit, budget = self.goal["max_error"], self.goal["budget_ms"]
+        affordable = [c for c in every if budget is None or c.ms <= budget]
+        if not affordable:
+            return min(every, key=lambda c: (c.ms, c.error))
+        if limit is not None:
+            good = [c for c in affordable if c.error <= limit]
+            return min(good, key=_cheapest) if good else min(affordable, key=_finest)
+        if budget is not None:
+            return min(affordable, key=_finest)
+        called_for = every[0].settings.filter
+        affordable = [c for c in affordable if c.settings.filter == called_for]
+        full = everything_on(self.signals.views[0].sun).replace(filter=called_for)
+        full = self.forecaster.error(full)
+        enough = max(full + KNEE_PIXELS, (1.0 + KNEE_SHARE) * full)
+        good = [c for c in affordable if c.error <= enough]
+        return min(good, key=_cheapest) if good else min(affordable, key=_finest)
+
+    def _arranged(self, count):
+        """Settings for so many cascades, with the splits and axes that the forecast likes best."""
+        signals = self.signals
+        moves = signals.camera_moves or signals.sun_moves
+        settings = ShadowSettings(
+            cascade_count=count,
+            fit="visible",
+            snap="exact" if moves else "none",
+            cull="exclusive" if count > 1 and signals.needless_chunks else "inclusive",
+            caster_faces="back" if signals.faces_matter <= FACES_SHARE else "both",
+            bias="manual" if signals.bias_matters <= FACES_SHARE else "auto",
+            light_basis=(
+                "world"
+                if signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
+                else "orthonormal"
+            ),
+        )
+        if signals.orthographic:
+            settings = settings.replace(split="uniform")
+        elif count > 1:
+            settings = self._better(settings, GAIN, split="sdsm")
+            if settings.cull != "exclusive" and not self._gains(settings, select="interval"):
+                settings = settings.replace(select="interval")
+        return settings if moves else self._better(settings, GAIN, turned=True)
+
+    def _gains(self, settings, **changes):
+        """Whether settings are better than changed ones by what counts."""
+        now, then = (self.forecaster.aliasing(s) for s in (settings, settings.replace(**changes)))
+        return now < (1.0 - GAIN) * then
+
+    def _better(self, settings, gain, **changes):
+        changed = settings.replace(**changes)
+        now, then = (self.forecaster.aliasing(s) for s in (settings, changed))
+        return changed if then < (1.0 - gain) * now else settings
+
+
+def _cheapest(candidate):
+    return candidate.ms, candidate.error, map_bytes(candidate.settings)
+
+
+def _finest(candidate):
+    return candidate.error, candidate.ms, map_bytes(candidate.settings)
+
+
+def _within_budget(renderer, scene, search):
+    """Choose, time the choice, correct the model, choose again until the choice fits."""
+    view = search.signals.views[0]
+
+    def timed(settings):
+        frames = [
+            renderer.render(scene, view.camera, view.sun, settings, outputs=("mask",))
+            for _ in range(TIMED + 1)
+        ][1:]
+        maps = [sum(ms for n, ms in f.timings_ms.items() if "shadow_map" in n) for f in frames]
+        return sorted(map(frame_ms, frames))[TIMED // 2], sorted(maps)[TIMED // 2]
+
+    model = CostModel()
+    chosen = search.choose(model)
+    fitting = None
+    for _ in range(ROUNDS):
+        total, maps = timed(chosen.settings)
+        expected_maps, expected_others = model.parts(chosen.settings, search.signals)
+        if total <= search.goal["budget_ms"] and (fitting is None or chosen.error < fitting.error):
+            fitting = _Candidate(chosen.settings, chosen.error, total)
+        factor = (total - maps) / expected_others
+        model = model.scaled(factor, "frames timed here")
+        if expected_maps > 0.0 and maps > 0.0:
+            model = model.with_maps(maps / expected_maps / factor)
+        again = search.choose(model)
+        if again.settings == chosen.settings:
+            break
+        chosen = again
+    if fitting is not None:
+        return fitting, model
+    cheapest = search.choose(model)
+    return _Candidate(cheapest.settings, cheapest.error, timed(cheapest.settings)[0]), model
+
+
+def _report(search, chosen, model, scene, path, goal):
+    """Make the answer: settings, reasons, and what stands in the way."""
+    at = Situation(search.signals, search.forecaster, chosen.settings)
+    dark = chosen.settings.filter == "none"
+    rows = [row for row in TABLE if not dark or row.effect == "shadows"]
+    obstacle = _obstacle(search, chosen, model, goal)
+    return Recommendation(
+        settings=chosen.settings,
+        reasons=Reasons(row.reason(at) for row in rows),
+        signals=search.signals,
+        expected_error=float(chosen.error),
+        expected_ms=float(chosen.ms),
+        map_bytes=map_bytes(chosen.settings),
+        goal=goal,
+        met=obstacle is None,
+        obstacle=obstacle,
+        scene=scene,
+        path=path,
+    )
+
+
+def _obstacle(search, chosen, model, goal):
+    """Which effect stands in the goal's way, or None."""
+    budget, limit = goal["budget_ms"], goal["max_error"]
+    if budget is not None and chosen.ms > budget:
+        maps, others = model.parts(chosen.settings, search.signals)
+        what = "shadow maps" if maps > others else "the camera's view and the mask"
+        return f"{what} alone take {max(maps, others):.3g} ms of {budget:g} ms (map_size, filter)"
+    if limit is not None and chosen.error > limit:
+        aliasing, soft = search.forecaster.aliasing(chosen.settings), search.forecaster.penumbra()
+        if soft > aliasing and chosen.settings.filter != "none":
+            return f"filter: penumbrae leave {100.0 * soft:.2g} % with hard edges, softened in part"
+        held = "max_bytes" if goal["max_bytes"] else "budget_ms" if budget else "map_size"
+        return (
+            f"map_size: texels alone leave {100.0 * aliasing:.2g} %, "
+            f"{'and finer maps exceed ' + held if held != 'map_size' else 'with the largest maps'}"
+        )
+    return None
+
+
+def _shown(reason):
+    if reason.effect == "shadows":
+        return "on" if reason.taken else "off"
+    return str(reason.value) if not isinstance(reason.value, float) else f"{reason.value:g}"
+
+
+def _path(value, kind, name):
+    """A camera or sun, or several, as a tuple."""
+    if isinstance(value, kind):
+        return (value,)
+    try:
+        several = tuple(value)
+    except TypeError:
+        several = ()
+    if not several or not all(isinstance(one, kind) for one in several):
+        raise TypeError(
+            f"{name} must be a csm.{kind.__name__} or a sequence of them "
+            f"(got {type(value).__name__})"
+        )
+    return several
+
+
+def _goal(name, value, low, high):
+    return None if value is None else as_number(name, value, low, high)
+
+
+def _odd_below(size):
+    return max(1, (size - 1) // 2 * 2 - 1)
+
+
+def _plain(value):
+    if isinstance(value, dict):
+        return {key: _plain(item) for key, item in value.items()}
+    if isinstance(value, list | tuple):
+        return [_plain(item) for item in value]
+    return value.item() if hasattr(value, "item") else value

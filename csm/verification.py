@@ -1,0 +1,322 @@
+"""Recommendations put to the proof: each decision turned round, rendered, judged by the truth."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .metrics import compare
+from .settings import ShadowSettings
+from .tracing import truth
+
+__all__ = ["Row", "Verification", "everything_on", "table_text", "verify"]
+
+SHARE = 0.01  # of the error: a change below it is none
+FLOOR = 1e-5  # of the judged pixels: two of a million-pixel picture that change with anything
+SLACK = 0.05  # of milliseconds, which no two runs agree on better
+SOFT_RAYS = 64
+FLICKER_FRAMES, FLICKER_POINTS = 6, 4000
+NO_CASCADE = 255
+NOT_COUNTED = ("readback", "host")
+OUTPUTS = ("mask", "valid", "cascade_index")
+
+
+@dataclass(frozen=True)
+class Row:
+    """Settings that were rendered.
+
+    Attributes
+    ----------
+    name : str
+        ``"everything on"``, ``"recommended"``, or the effect that was turned round.
+    taken : bool or None
+        Whether the recommendation has the effect; None for the first two.
+    settings : ShadowSettings
+    error : float
+        The larger of disagreement and mean absolute error; of a path the mean over its views.
+    flicker : float
+        Mean change of the mask a frame at fixed points, NaN for a still.
+    ms, ms_least : float
+        Median and least of the frame's passes: on a busy machine the least is what repeats.
+    bytes : int
+    triangles : int
+        Drawn into the maps.
+    confirmed : bool or None
+        None for the first two.
+    strict : bool or None
+        As `confirmed`, but what was left out may not even make the picture worse by more than 1 %.
+    why : str
+    """
+
+    name: str
+    taken: bool | None
+    settings: ShadowSettings
+    error: float
+    flicker: float
+    ms: float
+    ms_least: float
+    bytes: int
+    triangles: int
+    confirmed: bool | None = None
+    strict: bool | None = None
+    why: str = ""
+
+
+@dataclass(frozen=True)
+class Verification:
+    """What was rendered, and which decisions it proves.
+
+    Attributes
+    ----------
+    rows : tuple of Row
+        Everything on, the recommendation, and one a decision.
+    """
+
+    rows: tuple[Row, ...]
+
+    @property
+    def everything_on(self):
+        """Row with everything switched on."""
+        return self.rows[0]
+
+    @property
+    def recommended(self):
+        """Row of the recommendation."""
+        return self.rows[1]
+
+    @property
+    def decisions(self):
+        """Rows of the decisions turned round."""
+        return self.rows[2:]
+
+    @property
+    def confirmed_share(self):
+        """Share of the decisions that are confirmed, NaN without any."""
+        known = [row.confirmed for row in self.decisions]
+        return sum(known) / len(known) if known else float("nan")
+
+    def to_dict(self):
+        """Return plain values."""
+        return {
+            "confirmed_share": self.confirmed_share,
+            "rows": [_plain_row(row) for row in self.rows],
+        }
+
+    def __str__(self):
+        return table_text(_HEADS, [_cells(row) for row in self.rows])
+
+    def _repr_html_(self):
+        return table_html(_HEADS, [_cells(row) for row in self.rows])
+
+
+def _plain_row(row):
+    plain = {**vars(row), "settings": row.settings.to_dict()}
+    return {
+        name: None if isinstance(value, float) and np.isnan(value) else value
+        for name, value in plain.items()
+    }
+
+
+_HEADS = ("rendered", "", "error", "flicker", "ms", "MB", "verdict")
+
+
+def _cells(row):
+    verdict = "" if row.confirmed is None else ("confirmed" if row.confirmed else "refuted")
+    return (
+        row.name if row.taken is None else f"{row.name} turned",
+        "" if row.taken is None else ("was on" if row.taken else "was off"),
+        f"{100.0 * row.error:.3f} %",
+        "" if np.isnan(row.flicker) else f"{100.0 * row.flicker:.3f} %",
+        f"{row.ms:.1f}",
+        f"{row.bytes / 1e6:.1f}",
+        f"{verdict}: {row.why}" if row.why else verdict,
+    )
+
+
+def table_text(heads, rows):
+    """Lay rows of text out under heads, columns apart by two spaces."""
+    lines = [heads, *rows]
+    widths = [max(len(line[k]) for line in lines) for k in range(len(heads))]
+    return "\n".join(
+        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
+        for line in lines
+    )
+
+
+def table_html(heads, rows):
+    """Lay rows of text out as an HTML table."""
+    from html import escape
+
+    def line(cells, tag):
+        return (
+            "<tr>"
+            + "".join(f'<{tag} style="text-align:left">{escape(c)}</{tag}>' for c in cells)
+            + "</tr>"
+        )
+
+    body = "".join(line(row, "td") for row in rows)
+    return f"<table><thead>{line(heads, 'th')}</thead><tbody>{body}</tbody></table>"
+
+
+def everything_on(sun, soft_size=33):
+    """Settings with all that could matter for a still switched on.
+
+    Parameters
+    ----------
+    sun : Sun
+        With a disc, shadows are soft.
+    soft_size : int
+        Kernel of soft shadows [texels].
+
+    Returns
+    -------
+    settings : ShadowSettings
+    """
+    settings = ShadowSettings(cascade_count=8, map_size=2048, fit="visible", cull="exclusive")
+    if sun.angular_diameter_deg > 0.0:
+        settings = settings.replace(filter="pcss", filter_size=soft_size)
+    return settings
+
+
+def verify(renderer, recommendation, *, rays_per_pixel=None, repeats=3, soft_size=33):
+    """Render everything on, the recommendation, and each of its decisions turned round.
+
+    Parameters
+    ----------
+    renderer : Renderer
+    recommendation : Recommendation
+    rays_per_pixel : int, optional
+        Of the truth; by default 1 for a point sun, 64 for a disc.
+    repeats : int
+        Frames that are timed of each, in turns, after one that is not.
+    soft_size : int
+        Kernel of everything's soft shadows [texels].
+
+    Returns
+    -------
+    verification : Verification
+    """
+    judge = _Judge(renderer, recommendation, rays_per_pixel)
+    reasons = [r for r in recommendation.reasons if r.flipped is not None]
+    wanted = [everything_on(judge.views[0].sun, soft_size), recommendation.settings]
+    wanted += [reason.flipped for reason in reasons]
+    keys = [settings.canonical() for settings in wanted]
+    known = judge.measure(dict(zip(keys, wanted, strict=True)), repeats)
+    rows = [
+        Row(name, None, settings, **known[key])
+        for name, settings, key in zip(
+            ("everything on", "recommended"), wanted[:2], keys[:2], strict=True
+        )
+    ]
+    for reason, settings, key in zip(reasons, wanted[2:], keys[2:], strict=True):
+        row = Row(reason.effect, reason.taken, settings, **known[key])
+        confirmed, strict, why = _verdict(reason, rows[1], row, judge.moves)
+        rows.append(Row(**{**vars(row), "confirmed": confirmed, "strict": strict, "why": why}))
+    return Verification(tuple(rows))
+
+
+def _verdict(reason, ours, other, moves):
+    """Whether a decision holds against the same turned round: plainly, strictly, and why."""
+    if moves and reason.effect in ("snap", "light_basis"):
+        mine, its, what = ours.flicker, other.flicker, "flicker"
+    else:
+        mine, its, what = ours.error, other.error, "error"
+    least = max(SHARE * mine, FLOOR)
+    change = its - mine
+    said = f"{what} {change / mine:+.1%}" if mine > FLOOR else f"{what} {100.0 * change:+.4f} %"
+    change, least = float(change), float(least)
+    if not reason.taken:
+        return change >= -least, abs(change) <= least, f"{said} when added"
+    if reason.saves:
+        saved = ours.bytes < other.bytes or ours.triangles < other.triangles
+        saved = saved or ours.ms_least <= (1.0 + SLACK) * other.ms_least
+        return saved and change >= -least, saved and abs(change) <= least, f"saves; {said} without"
+    return change > least, change > least, f"{said} when removed"
+
+
+class _Judge:
+    """Renders settings over the views of a recommendation and judges them."""
+
+    def __init__(self, renderer, recommendation, rays_per_pixel):
+        self._renderer, self._scene = renderer, recommendation.scene
+        self.views = recommendation.signals.views
+        self.moves = recommendation.signals.camera_moves or recommendation.signals.sun_moves
+        self._path = recommendation.path
+        self._truths = []
+        for view in self.views:
+            soft = view.sun.angular_diameter_deg > 0.0
+            rays = rays_per_pixel or (SOFT_RAYS if soft else 1)
+            self._truths.append(truth(self._scene, view.camera, view.sun, rays_per_pixel=rays))
+
+    def measure(self, wanted, repeats):
+        """Error, flicker, time and bytes of each of the settings, by their canonical form."""
+        view, known, times = self.views[0], {}, {key: [] for key in wanted}
+        for key, settings in wanted.items():
+            errors = []
+            for at, traced in zip(self.views, self._truths, strict=True):
+                frame = self._renderer.render(
+                    self._scene, at.camera, at.sun, settings, outputs=OUTPUTS
+                )
+                errors.append(_error(frame, traced))
+            known[key] = {
+                "error": float(np.mean(errors)),
+                "flicker": self._flicker(settings) if self.moves else float("nan"),
+                "bytes": int(frame.info["bytes"]),
+                "triangles": int(sum(frame.info["triangles_drawn"])),
+            }
+        for _ in range(repeats):
+            for key, settings in wanted.items():
+                frame = self._renderer.render(
+                    self._scene, view.camera, view.sun, settings, outputs=OUTPUTS
+                )
+                times[key].append(frame_ms(frame))
+        return {
+            key: {**one, "ms": float(np.median(times[key])), "ms_least": float(min(times[key]))}
+            for key, one in known.items()
+        }
+
+    def _flicker(self, settings):
+        """Mean change of the mask a frame at fixed points, beyond that of the truth."""
+        cameras, suns = self._path
+        first = self._truths[0]
+        seen = np.flatnonzero(first.valid & first.facing)
+        if not len(seen):
+            return 0.0
+        seen = seen[:: max(1, len(seen) // FLICKER_POINTS)]
+        points = first.position.reshape(-1, 3)[seen]
+        normals = first.normal.reshape(-1, 3)[seen]
+        changes, last = [], None
+        for number in range(min(FLICKER_FRAMES, max(len(cameras), len(suns)))):
+            camera = cameras[min(number, len(cameras) - 1)]
+            sun = suns[min(number, len(suns) - 1)]
+            frame = self._renderer.render(
+                self._scene, camera, sun, settings,
+                outputs=("mask",), points=points, point_normals=normals,
+            )  # fmt: skip
+            within = frame.point_cascade != NO_CASCADE
+            exact = first.mask.ravel()[seen]
+            if len(suns) > 1:
+                small = camera.replace(size=(2, 2))
+                exact = truth(self._scene, small, sun).trace(points, normals)
+            now = np.where(within, frame.point_visibility, np.nan), exact
+            if last is not None:
+                change = np.abs(now[0] - last[0]) - np.abs(now[1] - last[1])
+                change = change[np.isfinite(change)]
+                changes.append(np.maximum(change, 0.0).mean() if len(change) else 0.0)
+            last = now
+        return float(np.mean(changes)) if changes else 0.0
+
+
+def _error(frame, traced):
+    """The larger of disagreement and mean absolute error, 0 where nothing is judged."""
+    judged = frame.valid & traced.valid & traced.facing
+    if frame.settings.filter != "none":
+        judged &= frame.cascade_index != NO_CASCADE
+    if not judged.any():
+        return 0.0
+    report = compare(frame.mask, traced.mask, valid=judged)
+    return float(max(report.disagreement, report.mean["total"]))
+
+
+def frame_ms(frame):
+    """Milliseconds of a frame's passes, without reading back."""
+    return float(sum(ms for name, ms in frame.timings_ms.items() if name not in NOT_COUNTED))

@@ -1,0 +1,369 @@
+"""Only what a scene calls for: signals against closed forms, decisions, goals, their proof."""
+
+import dataclasses
+import json
+import math
+
+import numpy as np
+import pytest
+
+import csm
+from csm import cli, shapes
+from csm.decisions import TABLE
+from csm.forecasts import DISC, Forecaster, map_bytes
+from csm.recommendation import Reasons
+from csm.signals import measure_signals
+from csm.verification import everything_on
+
+SIZE = (320, 180)
+NOON = csm.Sun((0, 1, 0))
+
+
+def plane(half=20.0):
+    """A ground and nothing on it."""
+    return csm.Scene([shapes.mesh("ground", shapes.ground(half))])
+
+
+def inside_out_room():
+    """A closed box, to stand in: floor and walls see no sun through it."""
+    return csm.Scene([shapes.mesh("room", shapes.box((-5, 0, -5), (5, 4, 5)))])
+
+
+def view(eye=(6, 4.5, 8), target=(-0.5, 0.6, 0), **more):
+    return csm.Camera.look_at(eye, target, fov_y_deg=45, far=100, size=SIZE, **more)
+
+
+def on(found, effect):
+    """The reason about an effect."""
+    return next(reason for reason in found.reasons if reason.effect == effect)
+
+
+@pytest.fixture(scope="module")
+def box():
+    return csm.scenes.plane_and_box()
+
+
+# -- scenes that call for little -------------------------------------------------------------------
+
+
+def test_plain_at_noon_takes_one_small_hard_map(renderer):
+    found = csm.recommend(plane(), view(), NOON, renderer=renderer)
+    assert (found.settings.cascade_count, found.settings.filter) == (1, "hard")
+    assert found.settings.map_size == 256
+    assert found.signals.edge_share == 0.0
+
+
+def test_view_that_no_sun_reaches_takes_no_shadow_pass(renderer):
+    below = csm.Sun((0.2, -1.0, 0.1))  # under the ground, which is seen from above
+    found = csm.recommend(plane(), view(), below, renderer=renderer)
+    assert found.settings.filter == "none"
+    assert [reason.effect for reason in found.reasons] == ["shadows"]
+    planned = csm.plan(found.settings, outputs=("mask",))
+    assert not [step for step in planned.passes if "shadow_map" in step.name]
+    assert not [texture for texture in planned.textures if "shadow" in texture.name]
+    assert found.map_bytes == 0
+
+
+def test_closed_interior_takes_one_small_map(renderer):
+    camera = csm.Camera.look_at((0, 1.7, 3), (0, 1, -4), far=30, size=SIZE)
+    found = csm.recommend(inside_out_room(), camera, csm.Sun((0.3, 1, 0.2)), renderer=renderer)
+    assert found.signals.shadowed_share > 0.99
+    # fine enough that the bias lights no strip of a wall; nothing beside everything on
+    assert found.settings.cascade_count == 1
+    assert found.map_bytes <= map_bytes(everything_on(csm.Sun((0, 1, 0)))) / 16
+
+
+def test_still_is_not_stabilised_and_a_path_is(renderer, box):
+    sun = csm.Sun((1, 1, 0))
+    still = csm.recommend(box, view(), sun, renderer=renderer)
+    assert still.settings.snap == "none"
+    assert not on(still, "snap").taken
+    path = [view(eye=(6 + 0.05 * k, 4.5, 8)) for k in range(4)]
+    moving = csm.recommend(box, path, sun, renderer=renderer)
+    assert moving.settings.snap == "exact"
+    assert not moving.settings.turned
+    assert on(moving, "snap").taken
+    suns = [csm.Sun.from_compass(120 + k, 45) for k in range(4)]
+    assert csm.recommend(box, view(), suns, renderer=renderer).settings.light_basis == "world"
+    low = [csm.Sun.from_compass(120 + k, 15) for k in range(4)]
+    found = csm.recommend(box, view(), low, renderer=renderer)
+    assert found.settings.light_basis == "orthonormal"
+
+
+def test_soft_shadows_need_a_disc_wider_than_a_pixel(renderer, box):
+    chosen = {
+        width: csm.recommend(box, view(), csm.Sun((1, 1, 0), width), renderer=renderer).settings
+        for width in (0.0, 0.01, 4.0)
+    }
+    assert [one.filter for one in chosen.values()] == ["hard", "hard", "pcss"]
+
+
+def test_back_faces_cast_alone_only_where_casters_are_closed(renderer, box):
+    sun = csm.Sun((0.4, 1, 0.3))
+    assert csm.recommend(box, view(), sun, renderer=renderer).settings.caster_faces == "back"
+    sheet = csm.Scene.from_arrays(
+        [[-2, 1.5, -2], [-2, 1.5, 2], [2, 1.5, 2], [2, 1.5, -2]], [[0, 1, 2], [0, 2, 3]]
+    )
+    open_scene = csm.Scene.merge(plane(), sheet)
+    found = csm.recommend(open_scene, view(), sun, renderer=renderer)
+    assert found.settings.caster_faces == "both"
+    assert found.signals.faces_matter > 0.01
+
+
+def test_sixteen_bits_only_where_their_step_is_below_the_bias(renderer, box):
+    sun = csm.Sun((1, 1, 0))
+    near = csm.recommend(box, view(), sun, renderer=renderer)
+    assert near.settings.depth_format == "d16"
+    tower = csm.Scene.merge(
+        box, csm.Scene([shapes.mesh("far", shapes.box((9e4, 0, -50), (1e5, 9e3, 50)))])
+    )
+    far = csm.recommend(tower, view(), sun, renderer=renderer)
+    assert far.settings.depth_format == "d32f"
+
+
+# -- signals ---------------------------------------------------------------------------------------
+
+
+def test_signals_of_a_box_are_those_of_its_geometry(renderer, box):
+    sun = csm.Sun((1, 1, 0), 1.0)
+    signals = measure_signals(renderer, box, [view()], [sun])
+    seen = signals.views[0]
+    # ground, top and the side to the sun all stand 45 degrees from it
+    assert np.allclose(seen.slopes, 1.0, atol=1e-5)
+    # the ends of the shadow are cast by the top, 2 m up along a ray of 45 degrees
+    metres = seen.penumbra_metres().max()
+    expected = 2.0 * math.tan(math.radians(0.5)) * 2.0 * math.sqrt(2.0)
+    assert metres == pytest.approx(expected, rel=0.15)  # a coarse map's texel of depth
+    assert signals.sun_elevation_deg == pytest.approx(45.0)
+    assert not signals.orthographic
+    assert signals.depth_shares.sum() == pytest.approx(1.0)
+    depth = np.concatenate([one.receiver_depths for one in signals.views])
+    assert signals.depth_edges[0] <= depth.min() <= depth.max() <= signals.depth_edges[-1] * 1.001
+    truth = csm.truth(box, view(), sun)
+    facing = truth.facing.sum() / truth.valid.sum()
+    assert signals.facing_share == pytest.approx(facing, abs=0.02)  # pixels of a quarter
+    shadowed = 1.0 - truth.mask_point[truth.facing].mean()
+    assert signals.shadowed_share == pytest.approx(shadowed, abs=0.01)
+
+
+def test_edge_length_is_that_of_the_full_picture(renderer, box):
+    # no pixel's centre on the box's outline
+    camera = box.cameras["map"].replace(half_height=5.53, size=(640, 360))
+    signals = measure_signals(renderer, box, [camera], [csm.Sun((1, 1, 0))])
+    # seen from above: 2 m by 2 m beside the box, whose top is lit
+    seen = signals.views[0]
+    length = signals.edge_share * seen.facing_count * signals.pixels / seen.pixel_count
+    assert length == pytest.approx(4 * 2 * 180 / 5.53, rel=0.15)  # corners: a coarse pixel each
+
+
+def test_disc_coefficient_is_the_integral_of_a_covered_disc():
+    # share of a disc beyond a line at x, against a step, over the penumbra's width
+    x = (np.arange(20000) + 0.5) / 20000
+    covered = (np.arccos(x) - x * np.sqrt(1 - x * x)) / np.pi
+    assert covered.mean() == pytest.approx(DISC, rel=1e-4)
+
+
+@pytest.mark.parametrize("size", [128, 512])
+def test_forecast_is_near_what_is_traced(renderer, size):
+    scene, sun = csm.scenes.stairs(12), csm.Sun.from_compass(285, 32)
+    camera = scene.cameras["side"].replace(size=(640, 360))
+    settings = csm.ShadowSettings(map_size=size, cascade_count=2, fit="visible", snap="none")
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    forecast = Forecaster(signals, scene).error(settings)
+    frame = renderer.render(scene, camera, sun, settings)
+    error = csm.compare(frame, csm.truth(scene, camera, sun)).disagreement
+    # thin balusters, a quarter of the picture: a factor of two either way
+    assert 0.5 * error < forecast < 2.0 * error
+
+
+# -- goals -----------------------------------------------------------------------------------------
+
+
+def test_looser_errors_are_cheaper_and_both_are_reached(renderer):
+    scene = csm.scenes.stairs(12)
+    camera = scene.cameras["side"].replace(size=SIZE)
+    sun = csm.Sun.from_compass(285, 32)
+    fine, loose = (
+        csm.recommend(scene, camera, sun, max_error=error, renderer=renderer)
+        for error in (0.002, 0.02)
+    )
+    assert fine.met
+    assert loose.met
+    assert fine.expected_error <= 0.002 < loose.expected_error <= 0.02
+    assert loose.expected_ms < fine.expected_ms
+    assert loose.map_bytes < fine.map_bytes
+
+
+def test_unreachable_error_gives_the_nearest_and_names_the_effect(renderer, box):
+    found = csm.recommend(
+        box, view(), csm.Sun((1, 1, 0)), max_error=0.0, max_bytes=1 << 20, renderer=renderer
+    )
+    assert not found.met
+    assert "map_size" in found.obstacle
+    assert "max_bytes" in found.obstacle
+    assert found.map_bytes <= 1 << 20
+    assert found.obstacle in str(found)
+    roomier = csm.recommend(
+        box, view(), csm.Sun((1, 1, 0)), max_error=0.0, max_bytes=1 << 24, renderer=renderer
+    )
+    assert roomier.expected_error < found.expected_error
+
+
+def test_budget_buys_accuracy(renderer, box):
+    sun = csm.Sun((1, 1, 0))
+    rich = csm.recommend(box, view(), sun, budget_ms=1e6, renderer=renderer)
+    assert rich.met
+    poor = csm.recommend(box, view(), sun, budget_ms=1e-3, renderer=renderer)
+    assert not poor.met
+    assert "ms" in poor.obstacle
+    assert rich.expected_error < poor.expected_error
+    assert poor.map_bytes < rich.map_bytes
+
+
+def test_same_input_same_answer(renderer, box):
+    one, other = (
+        csm.recommend(box, view(), csm.Sun((1, 1, 0), 0.53), renderer=renderer) for _ in range(2)
+    )
+    assert one.settings == other.settings
+    assert one.to_dict() == other.to_dict()
+    assert str(one) == str(other)
+
+
+@pytest.mark.parametrize(
+    ("changes", "error", "match"),
+    [
+        ({"max_error": -0.1}, ValueError, "max_error"),
+        ({"max_error": "small"}, TypeError, "max_error"),
+        ({"budget_ms": 0.0}, ValueError, "budget_ms"),
+        ({"max_bytes": 1000}, ValueError, "max_bytes must hold one map"),
+        ({"camera": 3}, TypeError, "camera must be a csm.Camera"),
+        ({"sun": []}, TypeError, "sun must be a csm.Sun"),
+        ({"scene": None}, TypeError, "scene"),
+        (
+            {"camera": [view(), view()], "sun": [NOON] * 3},
+            ValueError,
+            "camera and sun must be as many",
+        ),
+    ],
+)
+def test_wrong_arguments_are_named(renderer, box, changes, error, match):
+    arguments = {"scene": box, "camera": view(), "sun": NOON, "renderer": renderer, **changes}
+    with pytest.raises(error, match=match):
+        csm.recommend(**arguments)
+
+
+# -- reasons and their proof -----------------------------------------------------------------------
+
+
+def test_table_has_one_row_an_effect():
+    names = [row.effect for row in TABLE]
+    assert len(names) == len(set(names))
+    fields = csm.ShadowSettings().to_dict()
+    assert all(name in fields or name == "shadows" for name in names)
+    assert {"cascade_count", "map_size", "split", "fit", "select", "filter", "bias", "blend"} < set(
+        names
+    )
+    assert {"snap", "cull", "storage", "depth_format"} < set(names)
+    for row in TABLE:
+        assert row.calls_for
+        assert row.threshold
+        assert row.source
+        assert row.cost
+
+
+def test_reasons_say_what_was_measured(renderer, box):
+    found = csm.recommend(box, view(), csm.Sun((1, 1, 0)), renderer=renderer)
+    assert [reason.effect for reason in found.reasons] == [row.effect for row in TABLE]
+    text = str(found.reasons)
+    assert len(text.splitlines()) == len(TABLE) + 1
+    assert all(reason.measured in text for reason in found.reasons)
+    assert "<table>" in found._repr_html_()
+    assert found._repr_html_().count("<tr>") == len(TABLE) + 1
+    restored = json.loads(json.dumps(found.to_dict()))
+    assert csm.ShadowSettings(**restored["settings"]) == found.settings
+    for reason in found.reasons:  # a decision turned round is another decision
+        assert reason.flipped != found.settings
+
+
+def test_verification_turns_every_decision_round(renderer, box):
+    sun = csm.Sun((1, 1, 0))
+    found = csm.recommend(box, view(), sun, renderer=renderer)
+    proof = found.verify(renderer=renderer, repeats=1)
+    assert proof.everything_on.settings == everything_on(sun)
+    assert proof.recommended.settings == found.settings
+    assert [row.name for row in proof.decisions] == [row.effect for row in TABLE]
+    by_name = {row.name: row for row in proof.decisions}
+    truth = csm.truth(box, view(), sun)
+    unshadowed = 1.0 - truth.mask[truth.facing].mean()
+    assert by_name["shadows"].error == pytest.approx(unshadowed, abs=1e-6)
+    for name in ("shadows", "fit"):
+        assert by_name[name].taken
+        assert by_name[name].confirmed
+        assert by_name[name].error > 1.01 * proof.recommended.error
+    assert by_name["depth_format"].bytes > proof.recommended.bytes
+    assert by_name["warp"].settings.warp == "lispsm"
+    assert proof.confirmed_share == np.mean([row.confirmed for row in proof.decisions])
+    assert json.loads(json.dumps(proof.to_dict()))["rows"][1]["error"] == proof.recommended.error
+    assert len(str(proof).splitlines()) == len(TABLE) + 3
+
+
+def test_verification_refutes_a_wrong_decision(renderer, box):
+    # shadows of a large sun under a hard filter: adding the soft one must show
+    found = csm.recommend(box, view(), csm.Sun((1, 1, 0), 6.0), max_error=0.9, renderer=renderer)
+    assert found.settings.filter == "hard"  # the cheapest within nine tenths
+    found = dataclasses.replace(found, reasons=Reasons([on(found, "filter")]))
+    proof = found.verify(renderer=renderer, rays_per_pixel=16, repeats=1)
+    (row,) = proof.decisions
+    assert not row.taken
+    assert not row.confirmed
+    assert row.error < proof.recommended.error
+
+
+def test_flicker_judges_stabilisation_on_a_path(renderer, box):
+    path = [view(eye=(6 + 0.031 * k, 4.5 + 0.017 * k, 8)) for k in range(5)]
+    found = csm.recommend(box, path, csm.Sun((1, 0.8, 0.3)), max_error=0.01, renderer=renderer)
+    found = dataclasses.replace(found, reasons=Reasons([on(found, "snap")]))
+    proof = found.verify(renderer=renderer, repeats=1)
+    (row,) = proof.decisions
+    assert row.confirmed
+    assert row.flicker > proof.recommended.flicker
+
+
+@pytest.mark.parametrize(
+    ("make", "camera", "sun"),
+    [
+        (lambda: csm.scenes.town(8000), "street", "noon"),
+        (csm.scenes.stairs, "foot", "across"),
+        (csm.scenes.plane_and_box, "contact", "diagonal"),
+    ],
+    ids=["town", "stairs", "box"],
+)
+def test_recommendation_is_near_everything_on(renderer, make, camera, sun):
+    scene = make()
+    sun = csm.Sun(scene.suns[sun].to_light)
+    camera = scene.cameras[camera].replace(size=SIZE)
+    truth = csm.truth(scene, camera, sun)
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
+    ours, full = (
+        csm.compare(renderer.render(scene, camera, sun, settings), truth).disagreement
+        for settings in (found.settings, everything_on(sun))
+    )
+    assert ours <= max(1.05 * full, full + 5e-4)
+    assert map_bytes(found.settings) < 0.5 * map_bytes(everything_on(sun))
+
+
+# -- the command -----------------------------------------------------------------------------------
+
+
+def test_command_prints_the_table(capsys):
+    words = ["recommend", "plane_and_box", "--sun", "diagonal", "--size", "160x90", "--quiet"]
+    assert cli.main(words) == 0
+    told = capsys.readouterr().out
+    assert "cascade_count" in told
+    assert cli.main([*words, "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert csm.ShadowSettings(**told["settings"]).snap == "none"
+    assert cli.main([*words, "--max-error", "0", "--max-bytes", "300000"]) == 1
+    assert "goal not met" in capsys.readouterr().out
+    assert cli.main([*words, "--max-error", "2"]) == 2
+    assert "max_error" in capsys.readouterr().err
