@@ -30,10 +30,10 @@ demo: setup
 	@scripts/demo.sh
 
 test: setup
-	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -n $(PYTEST_WORKERS) $(PYTEST_ARGS)
+	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -n $(PYTEST_WORKERS) --dist loadfile $(PYTEST_ARGS)
 
 slow: setup
-	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -n $(PYTEST_WORKERS) -m 'slow or not slow' $(PYTEST_ARGS)
+	@$(DISPLAYED) $(PYTHON_VENV) -m pytest -n $(PYTEST_WORKERS) --dist loadfile -m 'slow or not slow' $(PYTEST_ARGS)
 
 hard-cases: setup
 	@$(DISPLAYED) $(PYTHON_VENV) -m csm hard-cases --out hard-cases $(HARD_CASES_ARGS)

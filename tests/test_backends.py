@@ -53,14 +53,17 @@ def draw(renderer, number=0, **changes):
 # -- the same bits ---------------------------------------------------------------------------------
 
 
+SLOW = pytest.mark.slow
+
+
 @pytest.mark.parametrize("other", ["osmesa", "glfw"])
 @pytest.mark.parametrize(
     "changes",
     [
         {},
-        {"depth_format": "d16", "filter": "pcf", "filter_size": 2},
+        pytest.param({"depth_format": "d16", "filter": "pcf", "filter_size": 2}, marks=SLOW),
         {"depth_format": "d24", "filter": "pcf", "filter_size": 7, "select": "interval"},
-        {"pancake": True, "fit": "box", "snap": "none"},
+        pytest.param({"pancake": True, "fit": "box", "snap": "none"}, marks=SLOW),
     ],
     ids=["default", "d16 2x2", "d24 7x7", "pancake box"],
 )

@@ -110,7 +110,9 @@ def test_render_writes_what_the_api_gives(gl, tmp_path, capsys):
     assert f"{report.mean['total']:8.3%}" in captured.out
     assert max(map(len, captured.out.splitlines()[:-1])) <= 80
     stages = [line.split(" …")[0] for line in captured.err.splitlines()]
-    assert stages == ["loading plane_and_box", "rendering", "tracing the truth", "writing"]
+    assert stages == [
+        "loading plane_and_box", "rendering", "tracing the truth", "judging", "writing",
+    ]  # fmt: skip
 
 
 def test_pictures_have_the_pixels_asked_for(gl, tmp_path):

@@ -285,6 +285,7 @@ def test_reasons_say_what_was_measured(renderer, box):
         assert reason.flipped != found.settings
 
 
+@pytest.mark.slow
 def test_verification_turns_every_decision_round(renderer, box):
     sun = csm.Sun((1, 1, 0))
     found = csm.recommend(box, view(), sun, renderer=renderer)

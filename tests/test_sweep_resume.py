@@ -146,6 +146,7 @@ def test_killed_and_resumed_it_is_the_same(tmp_path):
     assert len(np.unique(found.error_total)) > 20
 
 
+@pytest.mark.slow
 def test_killed_with_its_workers_it_is_the_same(tmp_path):
     shape = (4, 8)
     folder = kill_and_resume(tmp_path, shape, kills=1, processes=2)
@@ -192,6 +193,7 @@ def sweep_small(**more):
                      size=(32, 24), repeats=1, **more)  # fmt: skip
 
 
+@pytest.mark.slow
 def test_in_processes_it_is_the_same(tmp_path):
     here = sweep_small()
     there = sweep_small(processes=2, out=tmp_path)

@@ -559,6 +559,8 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
     if (status == CSM_OK) {
         keep_last(frame);
     }
+    /* textures may go before the next draw, and drivers look at what a program in use samples */
+    renderer->gl.UseProgram(0);
     return status;
 }
 

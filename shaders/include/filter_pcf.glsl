@@ -34,6 +34,12 @@ float pcf_weight(int offset, float fraction, float half_width)
 #endif
 }
 
+// A quotient of equals need not be 1 on a GPU.
+float pcf_share(float lit, float total)
+{
+    return lit < total ? lit / total : 1.0;
+}
+
 // Weight of a texel that is lit.
 float pcf_tap(map_receiver at, ivec2 offset, float stored, float weight)
 {
@@ -59,7 +65,7 @@ float filter_visibility(map_receiver at)
         lit += down * row;
         total += down * across;
     }
-    return lit / total;
+    return pcf_share(lit, total);
 }
 
 #else
@@ -106,7 +112,7 @@ float filter_visibility(map_receiver at)
         total += below * across;
         total += above * across;
     }
-    return lit / total;
+    return pcf_share(lit, total);
 }
 
 #endif

@@ -105,7 +105,7 @@ verdict receiver_verdict(receiver point)
     found.next_weight = transition(chosen.next_weight, point.noise);
     if (found.next_weight > 0.0) {
         float next = map_visibility(in_map(point, chosen.next));
-        found.visibility = mix(found.single, next, found.next_weight);
+        found.visibility = min(mix(found.single, next, found.next_weight), 1.0);
     }
 #endif
 #if CSM_FADE
