@@ -36,6 +36,10 @@ csm_status csm_renderer_enter(csm_renderer *renderer, csm_saved_binding *saved, 
 }
 
 void csm_renderer_leave(csm_renderer *renderer, const csm_saved_binding *saved) {
+    /* textures may go before the next draw, and drivers look at what a program in use samples */
+    if (renderer->gl.VERSION_4_5) { /* not where the driver turned out to have less */
+        renderer->gl.UseProgram(0);
+    }
     /* a call that failed before its check must not fail the next one */
     csm_debug_check(renderer, "leaving", NULL);
     csm_context_unbind(&renderer->context);
@@ -559,8 +563,6 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
     if (status == CSM_OK) {
         keep_last(frame);
     }
-    /* textures may go before the next draw, and drivers look at what a program in use samples */
-    renderer->gl.UseProgram(0);
     return status;
 }
 

@@ -14,7 +14,8 @@ float largest_lit_share(float depth, float mean, float square, float least_varia
 {
     float variance = max(square - mean * mean, least_variance);
     float behind = depth - mean;
-    return behind <= 0.0 ? 1.0 : without_bleeding(variance / (variance + behind * behind));
+    // the quotient of nearly equal numbers may exceed 1 on a GPU
+    return behind <= 0.0 ? 1.0 : without_bleeding(min(variance / (variance + behind * behind), 1.0));
 }
 
 // The same of values from tiny to huge that are rounded as shares of themselves, and so is the least variance:
