@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .cascades import fit_cascades
-from .signals import surface_steps
+from .sampling import surface_steps
 from .spaces import transform_points
 
 __all__ = ["CostModel", "Forecaster", "forecast_cost", "map_bytes"]

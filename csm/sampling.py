@@ -10,6 +10,7 @@ __all__ = [
     "expected_aliasing",
     "output_of",
     "pixels_per_texel",
+    "surface_steps",
     "undersampling",
 ]
 
@@ -65,32 +66,54 @@ def pixels_per_texel(frame, truth):
     rows, columns = np.nonzero(truth.facing & (index != NO_CASCADE))
     cascade = index[rows, columns]
     point, normal = truth.position[rows, columns], truth.normal[rows, columns]
-    camera = truth.camera
 
-    # Gradients of u and v in texels; a step of one texel is what they are dual to in the surface.
+    # Gradients of u and v in texels.
     uvz = np.asarray(frame.cascades.uvz_from_world)[cascade]
     w = np.einsum("mk,mk->m", uvz[:, 3, :3], point) + uvz[:, 3, 3]
     uv = (np.einsum("mak,mk->ma", uvz[:, :2, :3], point) + uvz[:, :2, 3]) / w[:, None]
     gradient = (uvz[:, :2, :3] - uv[..., None] * uvz[:, 3:, :3]) / w[:, None, None]
     gradient *= np.asarray(frame.cascades.map_size)[cascade][:, None, None]
-    across_v, across_u = (np.cross(gradient[:, k], normal) for k in (1, 0))
-    volume = np.einsum("mk,mk->m", gradient[:, 0], across_v)
-    step = np.stack([across_v, -across_u], axis=1) / volume[:, None, None]
+    jacobian = np.full((*index.shape, 2, 2), np.nan)
+    jacobian[rows, columns] = surface_steps(truth.camera, point, normal, gradient)
+    return jacobian
 
-    width, height = camera.size
-    pixels = np.array([0.5 * width / camera.half_width, -0.5 * height / camera.half_height])
+
+def surface_steps(camera, points, normals, gradients):
+    """How steps in light space move points of a surface in the picture.
+
+    A step of one along one coordinate of light space, the other staying, moves along the surface by
+    the vector dual to the coordinates' gradients there.
+
+    Parameters
+    ----------
+    camera : Camera
+    points, normals : (m, 3) float64
+        On surfaces, world space.
+    gradients : (2, 3) or (m, 2, 3) float64
+        Of the two coordinates, per metre.
+
+    Returns
+    -------
+    steps : (m, 2, 2) float64
+        ``[point, right or down, coordinate]`` [pixels of the camera].
+    """
+    gradients = np.broadcast_to(gradients, (len(points), 2, 3))
+    along_u, along_v = np.cross(gradients[:, 1], normals), np.cross(normals, gradients[:, 0])
+    volume = np.einsum("mk,mk->m", gradients[:, 0], along_u)
+    volume = np.where(volume == 0.0, 1e-300, volume)
+    step = np.stack([along_u, along_v], axis=1) / volume[:, None, None]
     across = np.stack([camera.right, camera.up])
     moved = np.einsum("aj,mkj->mak", across, step)
     if not camera.orthographic:
         # d(x / z) = (dx - (x / z) dz) / z
-        relative = point - camera.eye
+        relative = points - camera.eye
         depth = relative @ -camera.backward
         slant = (relative @ across.T) / depth[:, None]
-        moved -= slant[:, :, None] * (step @ -camera.backward)[:, None, :]
-        moved /= depth[:, None, None]
-    jacobian = np.full((*index.shape, 2, 2), np.nan)
-    jacobian[rows, columns] = pixels[:, None] * moved
-    return jacobian
+        moved = moved - slant[:, :, None] * (step @ -camera.backward)[:, None, :]
+        moved = moved / depth[:, None, None]
+    width, height = camera.size
+    pixels = np.array([0.5 * width / camera.half_width, -0.5 * height / camera.half_height])
+    return pixels[:, None] * moved
 
 
 def _largest_singular_value(matrices):

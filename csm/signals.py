@@ -11,18 +11,17 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .cascades import fit_cascades
+from .sampling import LIT, NO_CASCADE, surface_steps
 from .settings import ShadowSettings
 from .spaces import frozen, transform_points
 
-__all__ = ["FACES_SHARE", "Signals", "View", "light_gradients", "measure_signals", "surface_steps"]
+__all__ = ["FACES_SHARE", "Signals", "View", "light_gradients", "measure_signals"]
 
 COARSE = 4  # pixels of the picture along a pixel of the coarse one
 LEAST_SIZE = 160  # of a coarse picture, along its shorter side: smaller ones lose what is thin
 RECEIVERS = 4000  # that windows are fitted to in forecasts
 EDGES = 4000  # places of edges that forecasts look at; the others count through these
 FACING = 1e-5  # as the renderer has it
-LIT = 0.5
-NO_CASCADE = 255
 DEPTH_BINS = 24
 THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin
 LAYER_RATIO = 2.0  # occluders whose distances from a receiver differ by this are layers
@@ -243,43 +242,6 @@ def measure_signals(renderer, scene, cameras, suns):
         changes.append(changed)
         views.append(view)
     return _summary(scene, tuple(views), cameras, suns, np.max(changes, axis=0), spent)
-
-
-def surface_steps(camera, points, normals, gradients):
-    """How steps in light space move points of a surface in the picture.
-
-    A step of one along one coordinate of light space, the other staying, moves along the surface by
-    the vector dual to the coordinates' gradients there.
-
-    Parameters
-    ----------
-    camera : Camera
-    points, normals : (m, 3) float64
-        On surfaces, world space.
-    gradients : (2, 3) or (m, 2, 3) float64
-        Of the two coordinates, per metre.
-
-    Returns
-    -------
-    steps : (m, 2, 2) float64
-        ``[point, right or down, coordinate]`` [pixels of the camera].
-    """
-    gradients = np.broadcast_to(gradients, (len(points), 2, 3))
-    along_u, along_v = np.cross(gradients[:, 1], normals), np.cross(normals, gradients[:, 0])
-    volume = np.einsum("mk,mk->m", gradients[:, 0], along_u)
-    volume = np.where(volume == 0.0, 1e-300, volume)
-    step = np.stack([along_u, along_v], axis=1) / volume[:, None, None]
-    across = np.stack([camera.right, camera.up])
-    moved = np.einsum("aj,mkj->mak", across, step)
-    if not camera.orthographic:
-        relative = points - camera.eye
-        depth = relative @ -camera.backward
-        slant = (relative @ across.T) / depth[:, None]
-        moved = moved - slant[:, :, None] * (step @ -camera.backward)[:, None, :]
-        moved = moved / depth[:, None, None]
-    width, height = camera.size
-    pixels = np.array([0.5 * width / camera.half_width, -0.5 * height / camera.half_height])
-    return pixels[:, None] * moved
 
 
 def light_gradients(sun):
