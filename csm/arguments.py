@@ -15,6 +15,8 @@ from .sun import Sun
 from .tracing import MAX_RAYS_PER_PIXEL
 
 __all__ = [
+    "INTERRUPTED",
+    "add_backend_option",
     "find_camera",
     "find_scene",
     "find_sun",
@@ -25,7 +27,18 @@ __all__ = [
 ]
 
 ELEVATION_SUFFIXES = (".npz", ".npy", ".tif", ".tiff")
+INTERRUPTED = 130  # exit status: 128 + SIGINT, as shells have it
 CAMERA_WORDS = ("eye", "target", "up", "fov", "near", "far")
+
+
+def add_backend_option(add):
+    """Add ``--backend`` to a subcommand; `add` is its parser's ``add_argument``."""
+    add(
+        "--backend",
+        choices=("auto", "egl", "osmesa", "glfw"),
+        default="auto",
+        help="how OpenGL is opened (default auto, which CSM_BACKEND replaces)",
+    )
 
 
 def find_scene(text, ground=None):

@@ -10,6 +10,8 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from .arguments import (
+    INTERRUPTED,
+    add_backend_option,
     find_camera,
     find_scene,
     find_sun,
@@ -47,7 +49,6 @@ from .tracing import truth
 __all__ = ["main"]
 
 BAD_INPUT = 2
-INTERRUPTED = 130  # 128 + SIGINT, as shells have it
 OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
 
 RENDER_HELP = f"""\
@@ -265,12 +266,7 @@ def _add_render_options(render):
         type=float,
         help="width of the sun's disc (default: the named sun's own, or 0)",
     )
-    add(
-        "--backend",
-        choices=("auto", "egl", "osmesa", "glfw"),
-        default="auto",
-        help="how OpenGL is opened (default auto, which CSM_BACKEND replaces)",
-    )
+    add_backend_option(add)
     add("--quiet", action="store_true", help="no progress on stderr, no table on stdout")
 
 

@@ -10,10 +10,11 @@ from importlib import resources
 
 import numpy as np
 
+from .disc import GOLDEN_ANGLE
+
 __all__ = ["half_widths", "pixel_lots", "taps_of"]
 
 PREFILTERED = ("vsm", "evsm2", "evsm4", "esm", "msm", "lvsm", "fourier")
-GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 
 def half_widths(frame, cascade, view_depth):

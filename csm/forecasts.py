@@ -1,12 +1,13 @@
 """What settings can be expected to get wrong, and to cost, from signals alone: no render."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from .cascades import fit_cascades
 from .sampling import surface_steps
+from .settings import map_sizes
 from .spaces import transform_points
 
 __all__ = ["CostModel", "Forecaster", "forecast_cost", "map_bytes"]
@@ -58,9 +59,7 @@ class Forecaster:
         """
         area = pixels = 0.0
         for number, view in enumerate(self._signals.views):
-            sizes = settings.map_size
-            if isinstance(sizes, int):
-                sizes = (sizes,) * settings.cascade_count
+            sizes = map_sizes(settings)
             across, cascade, _ = self._taken(number, settings)
             if len(view.edges):
                 across = across / np.asarray(sizes, float)[cascade][:, None]
@@ -103,8 +102,7 @@ class Forecaster:
         """
         if settings.bias != "auto":
             return 0.0
-        sizes = settings.map_size
-        sizes = (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
+        sizes = map_sizes(settings)
         lit = count = 0
         for number, view in enumerate(self._signals.views):
             *_, sides = self._taken(number, settings)
@@ -219,19 +217,12 @@ class CostModel:
         model : CostModel
         """
         names = [n for n in self.__dataclass_fields__ if n not in ("soft", "back_faces", "source")]
-        return CostModel(
-            **{name: factor * getattr(self, name) for name in names},
-            soft=self.soft,
-            back_faces=self.back_faces,
-            source=source,
-        )
+        return replace(self, source=source, **{n: factor * getattr(self, n) for n in names})
 
     def with_maps(self, factor):
         """Copy with the times of shadow maps multiplied."""
-        values = {name: getattr(self, name) for name in self.__dataclass_fields__}
-        for name in ("map_texel", "map_triangle", "map_pass"):
-            values[name] *= factor
-        return CostModel(**values)
+        names = ("map_texel", "map_triangle", "map_pass")
+        return replace(self, **{name: factor * getattr(self, name) for name in names})
 
     def parts(self, settings, signals):
         """Milliseconds of the shadow maps, and of everything else.
@@ -252,8 +243,7 @@ class CostModel:
         others += self.mask_pixel * pixels * (self.soft if settings.filter == "pcss" else 1.0)
         if settings.fit == "visible":
             others += self.receiver_pixel * pixels * (2.0 if settings.turned else 1.0)
-        sizes = settings.map_size
-        sizes = (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
+        sizes = map_sizes(settings)
         maps = self.map_texel * sum(size * size for size in sizes) / 1e6
         maps += self.map_triangle * drawn_triangles(settings.cascade_count, signals) / 1e3
         maps += self.map_pass * settings.cascade_count
@@ -301,8 +291,7 @@ def map_bytes(settings):
     """
     if settings.filter == "none":
         return 0
-    sizes = settings.map_size
-    sizes = (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
+    sizes = map_sizes(settings)
     texel = DEPTH_BYTES[settings.depth_format]
     if settings.storage == "array":
         return texel * settings.cascade_count * max(sizes) ** 2

@@ -6,6 +6,7 @@ import numpy as np
 
 from . import _core
 from .plans import OUTPUTS
+from .settings import map_sizes
 
 __all__ = ["Frame", "Visibility"]
 
@@ -140,8 +141,7 @@ def array_shapes(camera, settings, outputs, point_count):
     """
     width, height = camera.size
     image = (height, width)
-    sizes = settings.map_size
-    sizes = (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
+    sizes = map_sizes(settings)
     numbers = _core.moment_numbers(settings)
     every = {
         "mask": (image, np.float32),

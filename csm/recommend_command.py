@@ -2,7 +2,7 @@
 
 import json
 
-from .arguments import find_camera, find_scene, find_sun, parse_size
+from .arguments import add_backend_option, find_camera, find_scene, find_sun, parse_size
 from .progress import Progress
 from .recommendation import recommend
 from .renderer import Renderer
@@ -58,12 +58,7 @@ def add_recommend_options(command):
     add("--max-bytes", metavar="N", type=int, help="bytes of shadow maps, at most")
     add("--verify", action="store_true", help="turn every decision round and judge by the truth")
     add("--json", action="store_true", help="print everything as JSON")
-    add(
-        "--backend",
-        choices=("auto", "egl", "osmesa", "glfw"),
-        default="auto",
-        help="how OpenGL is opened (default auto, which CSM_BACKEND replaces)",
-    )
+    add_backend_option(add)
     add("--quiet", action="store_true", help="no progress on stderr")
 
 

@@ -21,7 +21,7 @@ from .decisions import (
 from .forecasts import CostModel, Forecaster, forecast_cost, map_bytes
 from .renderer import Renderer
 from .scene import Scene
-from .settings import ShadowSettings
+from .settings import ShadowSettings, map_sizes
 from .signals import FACES_SHARE, Signals, measure_signals
 from .spaces import as_number
 from .sun import Sun
@@ -142,7 +142,7 @@ class Recommendation:
 
     def _headline(self):
         s = self.settings
-        size = s.map_size if isinstance(s.map_size, int) else max(s.map_size)
+        size = max(map_sizes(s))
         what = (
             "no shadow maps"
             if s.filter == "none"

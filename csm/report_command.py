@@ -2,7 +2,14 @@
 
 import sys
 
-from .arguments import find_camera, find_scene, find_sun, parse_folder, parse_size
+from .arguments import (
+    add_backend_option,
+    find_camera,
+    find_scene,
+    find_sun,
+    parse_folder,
+    parse_size,
+)
 from .progress import Progress
 from .report_runs import with_crops_and_flicker
 from .reports import report
@@ -56,7 +63,7 @@ def add_report_options(command):
         help=f"frames timed of each technique (default {REPEATS})",
     )
     add("--hard-cases", metavar="FILE", help="hard_cases.html to be linked to")
-    add("--backend", choices=("auto", "egl", "osmesa", "glfw"), default="auto")
+    add_backend_option(add)
     add("--quiet", action="store_true", help="no progress on stderr")
 
 

@@ -7,7 +7,7 @@ import numpy as np
 
 from . import _core
 
-__all__ = ["ShadowSettings"]
+__all__ = ["ShadowSettings", "map_sizes"]
 
 
 @dataclass(frozen=True)
@@ -450,6 +450,12 @@ def _depths(name, value):
     if isinstance(value, str | bytes) or not np.iterable(value):
         raise TypeError(f"{name} must be a sequence of depths [m] (got {value!r})")
     return tuple(_number(name, item) for item in value)
+
+
+def map_sizes(settings):
+    """Texels along a side of each cascade's map, (n,) tuple of int, however they were given."""
+    sizes = settings.map_size
+    return (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
 
 
 def _map_size(value, cascade_count):

@@ -9,7 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .arguments import parse_folder
+from .arguments import INTERRUPTED, parse_folder
 from .results import check_folder
 from .scenes import SCENES
 from .settings import ShadowSettings
@@ -57,7 +57,6 @@ KEYS = (
     *("standard_error", "causes", "backend", "stage"),
 )
 CASE_KEYS = ("scene", "camera", "sun", "ground", "sun_diameter")
-INTERRUPTED = 130  # as `csm.cli` has it
 WIDEST = 40  # rows of the table on stdout
 
 

@@ -180,6 +180,15 @@ def fresh_renderer():
 # -- evidence --------------------------------------------------------------------------------------
 
 
+@pytest.fixture(scope="session")
+def gl():
+    """Skip where no back end opens: what needs one says so."""
+    try:
+        csm.Renderer().close()
+    except csm.ContextError as error:
+        pytest.skip(f"no OpenGL here: {error}")
+
+
 @pytest.fixture
 def evidence(request):
     """Function that keeps arrays until it is known whether the test fails; only then they are

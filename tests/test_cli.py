@@ -30,15 +30,6 @@ ALL_FILES = {
 }
 
 
-@pytest.fixture(scope="module")
-def gl():
-    """Skip where no back end opens: what needs one says so."""
-    try:
-        csm.Renderer().close()
-    except csm.ContextError as error:
-        pytest.skip(f"no OpenGL here: {error}")
-
-
 def files(folder):
     return {path.name for path in folder.iterdir()} if folder.exists() else None
 

@@ -40,15 +40,6 @@ soft = { filter = "pcf", filter_size = 5 }
 """
 
 
-@pytest.fixture(scope="module")
-def gl():
-    """Skip where no back end opens."""
-    try:
-        csm.Renderer().close()
-    except csm.ContextError as error:
-        pytest.skip(f"no OpenGL here: {error}")
-
-
 def run(*words):
     return cli.main(["sweep", *map(str, words)])
 

@@ -40,15 +40,6 @@ def lines(folder):
 
 
 @pytest.fixture(scope="module")
-def gl():
-    """Skip where no back end opens."""
-    try:
-        csm.Renderer().close()
-    except csm.ContextError as error:
-        pytest.skip(f"no OpenGL here: {error}")
-
-
-@pytest.fixture(scope="module")
 def swept(gl, tmp_path_factory):
     """A small sweep and its folder."""
     folder = tmp_path_factory.mktemp("swept")
