@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .forecasts import map_bytes
+from .plans import map_bytes
 from .settings import ShadowSettings
 from .signals import FACES_SHARE
 

@@ -10,9 +10,8 @@ from .sampling import surface_steps
 from .settings import map_sizes
 from .spaces import transform_points
 
-__all__ = ["CostModel", "Forecaster", "forecast_cost", "map_bytes"]
+__all__ = ["CostModel", "Forecaster", "forecast_cost"]
 
-DEPTH_BYTES = {"d32f": 4, "d24": 4, "d16": 2}
 # An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
 FARTHEST = 4.0
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
@@ -276,23 +275,3 @@ def drawn_triangles(count, signals):
     four = sum(signals.casters)
     one = min(signals.scene_triangles, max(four, 1))
     return one + max(four - one, 0.1 * one) * (count - 1) / 3.0
-
-
-def map_bytes(settings):
-    """Bytes of the shadow maps alone.
-
-    Parameters
-    ----------
-    settings : ShadowSettings
-
-    Returns
-    -------
-    bytes : int
-    """
-    if settings.filter == "none":
-        return 0
-    sizes = map_sizes(settings)
-    texel = DEPTH_BYTES[settings.depth_format]
-    if settings.storage == "array":
-        return texel * settings.cascade_count * max(sizes) ** 2
-    return texel * sum(size * size for size in sizes)

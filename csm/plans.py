@@ -7,7 +7,7 @@ from . import _core
 from .camera import checked_size
 from .cascades import check_kinds
 
-__all__ = ["DEFAULT_OUTPUTS", "OUTPUTS", "Plan", "plan"]
+__all__ = ["DEFAULT_OUTPUTS", "OUTPUTS", "Plan", "map_bytes", "plan"]
 
 #: Outputs that can be asked for by name.
 OUTPUTS = (
@@ -161,4 +161,22 @@ def plan(
         tuple(Texture(*texture) for texture in textures),
         tuple(programs),
         total,
+    )
+
+
+def map_bytes(settings):
+    """Bytes of shadow maps, of moments and of what makes them, whatever the picture's size.
+
+    Parameters
+    ----------
+    settings : ShadowSettings
+
+    Returns
+    -------
+    bytes : int
+    """
+    return sum(
+        texture.bytes
+        for texture in plan(settings, outputs=("mask",)).textures
+        if not texture.name.startswith("view_")
     )

@@ -18,7 +18,8 @@ from .decisions import (
     wanted_format,
     wanted_size,
 )
-from .forecasts import CostModel, Forecaster, forecast_cost, map_bytes
+from .forecasts import CostModel, Forecaster, forecast_cost
+from .plans import map_bytes
 from .renderer import Renderer
 from .scene import Scene
 from .settings import ShadowSettings, map_sizes

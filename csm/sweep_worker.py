@@ -19,7 +19,7 @@ from .arguments import find_scene
 from .digests import code_digest, scene_digest
 from .errors import ContextError
 from .metrics import compare
-from .plans import plan
+from .plans import map_bytes
 from .renderer import Renderer
 from .sweep_journal import FAILED, OK, blank_record
 from .timing import HOST, in_turns, quartiles, total_ms
@@ -157,11 +157,7 @@ def _judge(renderer, truth, settings, options):
         "disagreement": float(report.disagreement),
         "beyond_range": report.beyond_range,
         "judged_count": report.judged_count,
-        "bytes_maps": sum(
-            texture.bytes
-            for texture in plan(settings, size=truth.camera.size, outputs=TIMED_OUTPUTS).textures
-            if not texture.name.startswith("view_")
-        ),
+        "bytes_maps": map_bytes(settings),
         "info": frame.info,
     }
 

@@ -10,7 +10,8 @@ import pytest
 import csm
 from csm import cli, shapes
 from csm.decisions import TABLE
-from csm.forecasts import DISC, Forecaster, map_bytes
+from csm.forecasts import DISC, Forecaster
+from csm.plans import map_bytes
 from csm.recommendation import Reasons
 from csm.signals import measure_signals
 from csm.verification import everything_on
