@@ -21,7 +21,7 @@ import csm
 from csm.arguments import parse_size
 from csm.forecasts import Forecaster
 from csm.signals import measure_signals
-from csm.verification import frame_ms
+from csm.timing import total_ms
 
 MADE = (
     "plane_and_box",
@@ -68,7 +68,7 @@ def judge(renderer, scene, camera, sun):
         for key, row in (("full", full), ("ours", ours)):
             start = time.perf_counter()
             frame = renderer.render(scene, camera, sun, row.settings, outputs=("mask",))
-            times[key].append((frame_ms(frame), 1e3 * (time.perf_counter() - start)))
+            times[key].append((total_ms(frame.timings_ms), 1e3 * (time.perf_counter() - start)))
     ms = {key: np.median([one[0] for one in rows]) for key, rows in times.items()}
     settings = ours.settings
     return {

@@ -11,12 +11,12 @@ from itertools import pairwise
 import numpy as np
 
 from .embree import in_chunks, tree_of
+from .sampling import NO_CASCADE
 from .spaces import transform_points
+from .tracing import FACING
 
 __all__ = ["FlickerReport", "flicker"]
 
-NO_CASCADE = 255
-FACING = 1e-5  # n . L above which a surface faces the sun
 DEPTH_SHARE = 1e-3  # of the view depth, by which a point may lie behind what its pixel shows
 
 

@@ -8,6 +8,7 @@ import numpy as np
 
 from . import _core, shapes
 from .mesh import Mesh
+from .sampling import NO_CASCADE
 from .scene import Scene
 from .spaces import transform_points
 
@@ -40,7 +41,6 @@ FACES = np.array(
 SQUARE = np.array([(0.0, 0.0), (0.0, 1.0), (1.0, 1.0), (1.0, 0.0)])
 LEAST_W = 1e-9  # nearer to the eye of a warped map nothing has an image
 HALF_FOR_SURE = 1e-6  # texels, above what rounding leaves of a half
-NO_CASCADE = 255
 
 
 def slice_corners(camera, near, far):

@@ -26,7 +26,8 @@ from .settings import ShadowSettings, map_sizes
 from .signals import FACES_SHARE, Signals, measure_signals
 from .spaces import as_number
 from .sun import Sun
-from .verification import everything_on, frame_ms, table_html, table_text, verify
+from .timing import total_ms
+from .verification import everything_on, table_html, table_text, verify
 
 __all__ = ["Reasons", "Recommendation", "recommend"]
 
@@ -352,7 +353,7 @@ def _within_budget(renderer, scene, search):
             for _ in range(TIMED + 1)
         ][1:]
         maps = [sum(ms for n, ms in f.timings_ms.items() if "shadow_map" in n) for f in frames]
-        return sorted(map(frame_ms, frames))[TIMED // 2], sorted(maps)[TIMED // 2]
+        return sorted(total_ms(f.timings_ms) for f in frames)[TIMED // 2], sorted(maps)[TIMED // 2]
 
     model = CostModel()
     chosen = search.choose(model)

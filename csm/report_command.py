@@ -14,7 +14,7 @@ from .progress import Progress
 from .report_runs import with_crops_and_flicker
 from .reports import report
 from .results import check_folder
-from .sweeps import sweep
+from .sweeps import TRUTHS, sweep
 from .techniques import FAMILIES, TECHNIQUES
 
 __all__ = ["REPORT_EXAMPLES", "REPORT_HELP", "add_report_options", "run_report"]
@@ -37,6 +37,9 @@ examples:
 """
 
 REPEATS = 5
+CAUSES_SHOWN = (
+    "total", "aliasing", "penumbra", "false_shadow", "peter_panning", "light_leak", "seam",
+)  # fmt: skip
 
 
 def add_report_options(command):
@@ -123,6 +126,7 @@ def run_report(options):
     folder, size = parse_folder(options.out), parse_size(options.size)
     techniques = chosen_techniques(options.families)
     check_folder(folder)
+    swept = folder / "sweep"
     progress = Progress(quiet=options.quiet)
     with progress.stage("loading"):
         cases = dict(find_case(text, size) for text in options.scenes)
@@ -130,7 +134,7 @@ def run_report(options):
         dataset = sweep(
             cases,
             {"technique": techniques},
-            out=folder / "sweep",
+            out=swept,
             size=size,
             repeats=options.repeats,
             causes=CAUSES_SHOWN if options.causes else None,
@@ -138,14 +142,11 @@ def run_report(options):
             progress=go,
         )
     with progress.stage("crops and flicker") as advance:
-        dataset = with_crops_and_flicker(dataset, cases, backend=options.backend, advance=advance)
+        dataset = with_crops_and_flicker(
+            dataset, cases, truths=swept / TRUTHS, backend=options.backend, advance=advance
+        )
     with progress.stage("writing"):
         page = report(dataset, out=folder, hard_cases=options.hard_cases)
     if not options.quiet:
         print(page, file=sys.stdout)
     return 0
-
-
-CAUSES_SHOWN = (
-    "total", "aliasing", "penumbra", "false_shadow", "peter_panning", "light_leak", "seam",
-)  # fmt: skip

@@ -8,7 +8,7 @@ from .motion import flicker
 from .renderer import Renderer
 from .settings import ShadowSettings
 from .techniques import BASELINE, settings_by_name
-from .tracing import truth
+from .truth_cache import cached_truth
 
 __all__ = ["crop_place", "with_crops_and_flicker"]
 
@@ -75,7 +75,7 @@ def path_of(camera):
     return path
 
 
-def with_crops_and_flicker(dataset, cases, *, base=None, backend="auto", advance=None):
+def with_crops_and_flicker(dataset, cases, *, base=None, truths=None, backend="auto", advance=None):
     """Add crops and flicker to a sweep over techniques.
 
     Parameters
@@ -86,6 +86,8 @@ def with_crops_and_flicker(dataset, cases, *, base=None, backend="auto", advance
         Objects, the cameras of the sizes that were swept.
     base : ShadowSettings, optional
         What the techniques change.
+    truths : path, optional
+        Where the sweep kept its truths.
     backend : str
     advance : callable, optional
         Takes the share done, 0 to 1.
@@ -101,11 +103,11 @@ def with_crops_and_flicker(dataset, cases, *, base=None, backend="auto", advance
     names = [str(name) for name in dataset.technique.values]
     changes = settings_by_name()
     shape = (len(cases), len(names))
-    crops, truths = np.full((*shape, *CROP), np.nan, np.float32), np.ones((shape[0], *CROP))
+    crops, shown_truths = np.full((*shape, *CROP), np.nan, np.float32), np.ones((shape[0], *CROP))
     places, rates = np.zeros((shape[0], 2), int), np.full((*shape, 2), np.nan)
     done = 0
     for i, (scene, camera, sun) in enumerate(cases.values()):
-        exact = truth(scene, camera, sun)
+        exact = cached_truth(scene, camera, sun, truths)
         points = _points_of(exact)
         with Renderer(backend) as renderer:
             first = renderer.render(scene, camera, sun, base.replace(**changes[BASELINE]))
@@ -115,7 +117,7 @@ def with_crops_and_flicker(dataset, cases, *, base=None, backend="auto", advance
                 places[i, 0] : places[i, 0] + CROP[0], places[i, 1] : places[i, 1] + CROP[1]
             ]
             shown = exact.mask[cut]
-            truths[i, : shown.shape[0], : shown.shape[1]] = shown
+            shown_truths[i, : shown.shape[0], : shown.shape[1]] = shown
             for j, name in enumerate(names):
                 done += 1
                 if str(dataset.status.values[i, j]) != "ok":
@@ -130,7 +132,7 @@ def with_crops_and_flicker(dataset, cases, *, base=None, backend="auto", advance
     place = ("case", "technique")
     return dataset.assign(
         crop=((*place, "y", "x"), crops),
-        crop_truth=(("case", "y", "x"), truths),
+        crop_truth=(("case", "y", "x"), shown_truths),
         crop_row=("case", places[:, 0]),
         crop_column=("case", places[:, 1]),
         flicker=(place, rates[..., 0], {"units": "1"}),

@@ -1,7 +1,7 @@
 """The page about what accuracy costs in time: one HTML file with everything in it.
 
 Made from a dataset alone, as `csm.sweep` gives it with an axis ``technique``; what
-`csm.report_runs.measured` adds to it (crops, flicker) is shown where it is there.
+`csm.report_runs.with_crops_and_flicker` adds to it (crops, flicker) is shown where it is there.
 """
 
 import base64

@@ -14,6 +14,7 @@ from .cascades import fit_cascades
 from .sampling import LIT, NO_CASCADE, surface_steps
 from .settings import ShadowSettings
 from .spaces import frozen, transform_points
+from .tracing import FACING
 
 __all__ = ["FACES_SHARE", "Signals", "View", "light_gradients", "measure_signals"]
 
@@ -21,7 +22,6 @@ COARSE = 4  # pixels of the picture along a pixel of the coarse one
 LEAST_SIZE = 160  # of a coarse picture, along its shorter side: smaller ones lose what is thin
 RECEIVERS = 4000  # that windows are fitted to in forecasts
 EDGES = 4000  # places of edges that forecasts look at; the others count through these
-FACING = 1e-5  # as the renderer has it
 DEPTH_BINS = 24
 THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin
 LAYER_RATIO = 2.0  # occluders whose distances from a receiver differ by this are layers

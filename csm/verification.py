@@ -5,7 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from .metrics import compare
+from .sampling import NO_CASCADE
 from .settings import ShadowSettings
+from .timing import total_ms
 from .tracing import truth
 
 __all__ = ["Row", "Verification", "everything_on", "table_text", "verify"]
@@ -15,8 +17,6 @@ FLOOR = 1e-5  # of the judged pixels: two of a million-pixel picture that change
 SLACK = 0.05  # of milliseconds, which no two runs agree on better
 SOFT_RAYS = 64
 FLICKER_FRAMES, FLICKER_POINTS = 6, 4000
-NO_CASCADE = 255
-NOT_COUNTED = ("readback", "host")
 OUTPUTS = ("mask", "valid", "cascade_index")
 
 
@@ -268,7 +268,7 @@ class _Judge:
                 frame = self._renderer.render(
                     self._scene, view.camera, view.sun, settings, outputs=OUTPUTS
                 )
-                times[key].append(frame_ms(frame))
+                times[key].append(total_ms(frame.timings_ms))
         return {
             key: {**one, "ms": float(np.median(times[key])), "ms_least": float(min(times[key]))}
             for key, one in known.items()
@@ -315,8 +315,3 @@ def _error(frame, traced):
         return 0.0
     report = compare(frame.mask, traced.mask, valid=judged)
     return float(max(report.disagreement, report.mean["total"]))
-
-
-def frame_ms(frame):
-    """Milliseconds of a frame's passes, without reading back."""
-    return float(sum(ms for name, ms in frame.timings_ms.items() if name not in NOT_COUNTED))
