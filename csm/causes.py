@@ -10,6 +10,7 @@ from functools import cached_property
 
 import numpy as np
 
+from .disc import SOFT_RAYS
 from .footprints import half_widths, pixel_lots, taps_of
 from .sampling import undersampling
 from .tracing import truth
@@ -23,7 +24,6 @@ CAUSES = (
 )  # fmt: skip
 
 FARTHEST_REACH = 4  # texels on each side whose occluders are asked for: 81 rays a pixel
-SOFT_RAYS = 64  # a pixel, where soft shadows are judged by the truth of a point sun
 FARTHEST_TEXELS = 1e6  # of a tangent plane nearly edge-on to the light: beyond, nothing is said
 
 

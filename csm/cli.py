@@ -23,7 +23,8 @@ from .arguments import (
 from .check_files import read_check
 from .checks import check_cascades
 from .errors import CsmError
-from .hard_cases import CASES, NO_BACKEND, collect, find_tests, missing, page, table, write_page
+from .hard_case_page import page, table, write_page
+from .hard_cases import CASES, NO_BACKEND, collect, find_tests, missing
 from .metrics import compare, edge_yardstick
 from .progress import Progress
 from .recommend_command import (

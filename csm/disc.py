@@ -4,8 +4,9 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["DiscCount", "disc_directions"]
+__all__ = ["SOFT_RAYS", "DiscCount", "disc_directions"]
 
+SOFT_RAYS = 64  # a pixel, where soft shadows are judged and nothing else is asked for
 GOLDEN_ANGLE = np.pi * (3.0 - np.sqrt(5.0))
 
 

@@ -11,6 +11,7 @@ __all__ = [
     "heading",
     "new_axes",
     "pyplot",
+    "readable_ticks",
     "rgb",
 ]
 
@@ -77,3 +78,25 @@ def as_length(metres):
 def rgb(colour):
     """Numbers (3,) float64, 0 to 1, of a "#rrggbb"."""
     return np.array([int(colour[k : k + 2], 16) for k in (1, 3, 5)]) / 255.0
+
+
+def readable_ticks(ax, zero):
+    """Label logarithmic axes: 1, 2 and 5 of every decade, plain along x, per cent along y.
+
+    `zero` is where on the y axis 0 is drawn, None if it is not.
+    """
+    from matplotlib.ticker import LogLocator, NullFormatter
+
+    for axis in (ax.xaxis, ax.yaxis):
+        axis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        axis.set_minor_formatter(NullFormatter())
+    ax.xaxis.set_major_formatter(lambda value, _: f"{value:g}")
+    if zero is not None:
+        ax.axhline(zero, color=GREY, lw=0.5, ls=":")
+        ax.annotate(
+            "0", (0.0, zero), xycoords=("axes fraction", "data"), xytext=(-4, 0),
+            textcoords="offset points", ha="right", va="center",
+        )  # fmt: skip
+    ax.yaxis.set_major_formatter(
+        lambda value, _: f"{100.0 * value:.3g} %" if zero is None or value > 1.2 * zero else ""
+    )

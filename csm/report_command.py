@@ -1,6 +1,7 @@
 """The subcommand `csm report`: techniques swept over scenes, and the page about them."""
 
 import sys
+from argparse import BooleanOptionalAction
 
 from .arguments import (
     add_backend_option,
@@ -8,8 +9,11 @@ from .arguments import (
     find_scene,
     find_sun,
     parse_folder,
+    parse_rays,
     parse_size,
 )
+from .disc import SOFT_RAYS
+from .hard_cases import kept_rows
 from .progress import Progress
 from .report_runs import with_crops_and_flicker
 from .reports import report
@@ -55,8 +59,21 @@ def add_report_options(command):
     )
     add(
         "--causes",
-        action="store_true",
-        help="errors by cause too; a ray per pixel and texel of every kernel",
+        action=BooleanOptionalAction,
+        default=True,
+        help="errors by cause, which take a ray per pixel and texel of every kernel (default yes)",
+    )
+    add(
+        "--rays",
+        default=str(SOFT_RAYS),
+        metavar="N",
+        help=f"rays per pixel to the disc of a sun that has one (default {SOFT_RAYS})",
+    )
+    add(
+        "--sun-diameter",
+        type=float,
+        metavar="DEG",
+        help="of the suns' discs in degrees; the real sun's is 0.53 (default: the suns' own)",
     )
     add(
         "--repeats",
@@ -65,7 +82,11 @@ def add_report_options(command):
         metavar="N",
         help=f"frames timed of each technique (default {REPEATS})",
     )
-    add("--hard-cases", metavar="FILE", help="hard_cases.html to be linked to")
+    add(
+        "--hard-cases",
+        metavar="DIR",
+        help="folder that csm hard-cases --out wrote, to be summed up on the page",
+    )
     add_backend_option(add)
     add("--quiet", action="store_true", help="no progress on stderr")
 
@@ -98,7 +119,7 @@ def chosen_techniques(families):
     }
 
 
-def find_case(text, size):
+def find_case(text, size, diameter=None):
     """Scene, camera and sun of ``SCENE[:CAMERA[:SUN]]``.
 
     Parameters
@@ -106,6 +127,8 @@ def find_case(text, size):
     text : str
     size : (int, int)
         Of the camera.
+    diameter : float, optional
+        Of the sun's disc [degrees], instead of its own.
 
     Returns
     -------
@@ -116,7 +139,7 @@ def find_case(text, size):
     camera, _, sun = rest.partition(":")
     scene = find_scene(source)
     camera_name, found_camera = find_camera(scene, camera or None, size)
-    sun_name, found_sun = find_sun(scene, sun or None)
+    sun_name, found_sun = find_sun(scene, sun or None, diameter)
     stem = source.rsplit("/", 1)[-1].rsplit(".", 1)[0]
     return f"{stem}, {camera_name}, {sun_name}", (scene, found_camera, found_sun)
 
@@ -124,12 +147,15 @@ def find_case(text, size):
 def run_report(options):
     """Run the subcommand."""
     folder, size = parse_folder(options.out), parse_size(options.size)
+    rays = parse_rays(options.rays)
     techniques = chosen_techniques(options.families)
     check_folder(folder)
+    if options.hard_cases is not None:
+        kept_rows(options.hard_cases)
     swept = folder / "sweep"
     progress = Progress(quiet=options.quiet)
     with progress.stage("loading"):
-        cases = dict(find_case(text, size) for text in options.scenes)
+        cases = dict(find_case(text, size, options.sun_diameter) for text in options.scenes)
     with progress.stage(f"sweeping {len(techniques)} techniques over {len(cases)} case(s)") as go:
         dataset = sweep(
             cases,
@@ -137,13 +163,19 @@ def run_report(options):
             out=swept,
             size=size,
             repeats=options.repeats,
+            rays_per_pixel=rays,
             causes=CAUSES_SHOWN if options.causes else None,
             backend=options.backend,
             progress=go,
         )
     with progress.stage("crops and flicker") as advance:
         dataset = with_crops_and_flicker(
-            dataset, cases, truths=swept / TRUTHS, backend=options.backend, advance=advance
+            dataset,
+            cases,
+            rays_per_pixel=rays,
+            truths=swept / TRUTHS,
+            backend=options.backend,
+            advance=advance,
         )
     with progress.stage("writing"):
         page = report(dataset, out=folder, hard_cases=options.hard_cases)

@@ -5,10 +5,12 @@ import io
 import numpy as np
 
 from .fronts import on_front
-from .plot_style import CASCADE_COLOURS, GREY, INK, heading, new_axes, pyplot
+from .plot_style import CASCADE_COLOURS, GREY, INK, heading, new_axes, pyplot, readable_ticks
 
 __all__ = ["crop_picture", "error_crop_picture", "front_picture", "png_of_figure", "png_of_picture"]
 
+COLOURS = CASCADE_COLOURS[:6] + CASCADE_COLOURS[7:]  # without yellow, which white swallows
+MARKERS = "os^DvPX"
 LABELS = 14  # of points on a front, so that they can be read
 
 
@@ -18,7 +20,7 @@ def front_picture(costs, errors, names, families, *, title, cost, error):
     Parameters
     ----------
     costs, errors : (n,) array_like
-        NaN and what is not positive is left out.
+        Errors as shares. NaN is left out; an error of 0 has a line of its own at the foot.
     names : sequence of str
     families : sequence of str
         Of each technique: its colour.
@@ -30,29 +32,38 @@ def front_picture(costs, errors, names, families, *, title, cost, error):
     png : bytes
     """
     costs, errors = (np.asarray(one, float) for one in (costs, errors))
-    usable = (costs > 0.0) & (errors > 0.0)
+    usable = (costs > 0.0) & (errors >= 0.0)
+    shown, least = _off_zero(errors)
     ax = new_axes(None, (9.0, 5.2))
     ax.set(xscale="log", yscale="log", xlabel=cost, ylabel=error)
     heading(ax, title)
     for number, family in enumerate(dict.fromkeys(families)):
         own = usable & np.array([one == family for one in families])
-        colour = CASCADE_COLOURS[number % len(CASCADE_COLOURS)]
-        ax.plot(costs[own], errors[own], "o", color=colour, label=family, ms=5, mew=0)
+        colour, marker = COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+        ax.plot(costs[own], shown[own], marker, color=colour, label=family, ms=5, mew=0)
     front = np.flatnonzero(on_front(np.where(usable, costs, np.nan), errors))
     front = front[np.argsort(costs[front])]
-    ax.step(costs[front], errors[front], where="post", color=INK, lw=1, zorder=0)
+    ax.step(costs[front], shown[front], where="post", color=INK, lw=1, zorder=0)
     for place, i in enumerate(front[:LABELS]):
         ax.annotate(
             names[i],
-            (costs[i], errors[i]),
+            (costs[i], shown[i]),
             xytext=(4, 5 if place % 2 == 0 else -11),
             textcoords="offset points",
             fontsize="x-small",
             color=INK,
         )
+    readable_ticks(ax, least)
     ax.grid(True, which="major", color=GREY, alpha=0.3, lw=0.5)
     ax.legend(frameon=False, fontsize="small", loc="upper left", bbox_to_anchor=(1.0, 1.0))
     return png_of_figure(ax.figure)
+
+
+def _off_zero(errors):
+    """Errors as drawn on a logarithmic axis: 0 lies below the least other; and where that is."""
+    positive = errors[errors > 0.0]
+    zero = 0.4 * positive.min() if len(positive) else 1e-6
+    return np.where(errors == 0.0, zero, errors), zero if (errors == 0.0).any() else None
 
 
 def crop_picture(mask, scale=2):

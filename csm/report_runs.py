@@ -75,7 +75,9 @@ def path_of(camera):
     return path
 
 
-def with_crops_and_flicker(dataset, cases, *, base=None, truths=None, backend="auto", advance=None):
+def with_crops_and_flicker(
+    dataset, cases, *, base=None, rays_per_pixel=1, truths=None, backend="auto", advance=None
+):
     """Add crops and flicker to a sweep over techniques.
 
     Parameters
@@ -86,6 +88,8 @@ def with_crops_and_flicker(dataset, cases, *, base=None, truths=None, backend="a
         Objects, the cameras of the sizes that were swept.
     base : ShadowSettings, optional
         What the techniques change.
+    rays_per_pixel : int
+        Of the truth, as the sweep had it.
     truths : path, optional
         Where the sweep kept its truths.
     backend : str
@@ -107,7 +111,7 @@ def with_crops_and_flicker(dataset, cases, *, base=None, truths=None, backend="a
     places, rates = np.zeros((shape[0], 2), int), np.full((*shape, 2), np.nan)
     done = 0
     for i, (scene, camera, sun) in enumerate(cases.values()):
-        exact = cached_truth(scene, camera, sun, truths)
+        exact = cached_truth(scene, camera, sun, truths, rays_per_pixel=rays_per_pixel)
         points = _points_of(exact)
         with Renderer(backend) as renderer:
             first = renderer.render(scene, camera, sun, base.replace(**changes[BASELINE]))

@@ -6,11 +6,14 @@ Made from a dataset alone, as `csm.sweep` gives it with an axis ``technique``; w
 
 import base64
 import html
+import json
+import math
 from pathlib import Path
 
 import numpy as np
 
 from .fronts import best_within, next_halvings, on_front, paired_interval
+from .hard_cases import CASES, TESTS_THAT_FAIL, kept_rows
 from .report_pictures import crop_picture, error_crop_picture, front_picture
 from .techniques import BASELINE, TECHNIQUES
 
@@ -20,6 +23,16 @@ PAGE = "report.html"
 MIB = 2.0**20
 MEMORIES_MIB = (4, 16, 64, 256)  # of maps, for the comparison at equal memory
 TIMES = (0.5, 1.0, 2.0, 4.0)  # of the baseline's time, for the one at equal time
+MEANINGS = {
+    "aliasing": "texels too coarse: the edge lies where the texel's centre has it",
+    "penumbra": "what averaging over texels, or a hard edge where the sun's disc is soft, changes",
+    "false_shadow": "acne: surfaces that shadow themselves, for want of bias",
+    "peter_panning": "light where an occluder is nearer than the bias, which hides it",
+    "light_leak": "light that no bias explains: bleeding of prefiltered maps, missing casters",
+    "seam": "what blending, fading and choosing between cascades changes",
+    "too_bright": "light where the truth has shadow",
+    "too_dark": "shadow where the truth has light",
+}
 STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; margin: 2rem auto; max-width: 74rem; color: #222;
   padding: 0 1rem; }
@@ -45,7 +58,7 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
         Folder: ``report.html``, which needs no other file, and its pictures as PNG files.
     title : str
     hard_cases : path, optional
-        ``hard_cases.html`` of ``csm hard-cases``, to be linked to.
+        Folder that ``csm hard-cases --out`` wrote, to be summed up: a line a case of the matrix.
 
     Returns
     -------
@@ -55,21 +68,26 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     ------
     ValueError
         If the dataset has no axis ``technique`` or lacks errors, times or bytes.
+    OSError
+        If the folder cannot be written, or nothing lies in that of the hard cases.
     """
     for name in ("technique", "error_total", "ms_total", "bytes_maps"):
         if name not in dataset:
             raise ValueError(
                 f"dataset must have {name}: csm.sweep(cases, {{'technique': {{...}}}}) gives it"
             )
+    hard = _hard_cases(hard_cases)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
     pictures = {}
     dataset = dataset.transpose("case", "technique", ...)
     parts = [*_head(dataset, title), *_summary(dataset)]
     for case in dataset.case.values:
-        parts += _case(dataset.sel(case=case), pictures, str(case))
+        parts += _case(
+            dataset.sel(case=case), pictures, str(case), _about(dataset.attrs, str(case))
+        )
     parts += _across(dataset)
-    parts += _hard_cases(hard_cases)
+    parts += hard
     parts += _foot(dataset)
     for name, data in pictures.items():
         (folder / name).write_bytes(data)
@@ -92,6 +110,30 @@ def _head(dataset, title):
         "<b>Memory</b> is that of shadow maps and what is made of them. A technique that nothing "
         "beats in error and cost at once lies on the front, the line in the pictures.</p>",
         f"<p class='note'>{html.escape(str(where))}</p>" if where else "",
+        *_glossary(dataset),
+    ]
+
+
+def _glossary(dataset):
+    """What the causes of error are, of those that the dataset has."""
+    lines = [
+        f"<tr><td>{cause.replace('_', ' ')}</td><td>{html.escape(meaning)}</td></tr>"
+        for cause, meaning in MEANINGS.items()
+        if f"error_{cause}" in dataset
+    ]
+    if "flicker" in dataset:
+        lines.append(
+            "<tr><td>flicker</td><td>mean change of the mask at fixed points of the scene from "
+            "frame to frame, while the camera walks and turns a little</td></tr>"
+        )
+    if not lines:
+        return []
+    return [
+        "<details><summary>What the columns mean</summary><p>Each error is a mean of absolute "
+        "values; in a single pixel the causes add up to the error, signs and all, so that means "
+        "may exceed it where causes cancel.</p><table>",
+        *lines,
+        "</table></details>",
     ]
 
 
@@ -134,7 +176,29 @@ def _families(names):
     return [known.get(name, "others") for name in names]
 
 
-def _case(one, pictures, case):
+def _about(attributes, case):
+    """What a case shows, from the sweep's provenance; "" where that is missing."""
+    try:
+        known = json.loads(attributes["cases"])[case]
+        triangles, camera, sun = known["triangles"], known["camera"], known["sun"]
+        elevation = math.degrees(math.asin(sun["to_light"][1]))
+        disc = sun["angular_diameter_deg"]
+        rays = int(attributes["rays_per_pixel"])
+    except (KeyError, TypeError, ValueError):
+        return ""
+    reference = "a point" if not disc else f"a disc of {disc:g}°"
+    if disc and rays > 1:
+        reference += f", which the truth averages over {rays} rays a pixel"
+    elif disc:
+        reference += ", though the truth is that of a point in its middle"
+    width, height = camera["size"]
+    return (
+        f"{triangles} triangles in {width} x {height} pixels. The sun stands {elevation:.0f}° high "
+        f"and is {reference}."
+    )
+
+
+def _case(one, pictures, case, about):
     names = [str(name) for name in one.technique.values]
     families = _families(names)
     error, time = one.error_total.values, one.ms_total.values
@@ -146,6 +210,8 @@ def _case(one, pictures, case):
     if "flicker" in one:
         axes.append(("flicker", time, one.flicker.values, "time of a frame [ms]", "flicker"))
     parts = [f"<h2 id='{html.escape(case)}'>{html.escape(case)}</h2>"]
+    if about:
+        parts.append(f"<p class='note'>{html.escape(about)}</p>")
     for kind, costs, errors, cost_text, error_text in axes:
         name = f"{_slug(case)}_{kind}.png"
         pictures[name] = front_picture(
@@ -256,13 +322,38 @@ def _across(dataset):
     ]
 
 
-def _hard_cases(path):
-    if path is None:
+def _hard_cases(folder):
+    """The matrix of hard cases, a line a case: its figure nearest to the tolerance."""
+    if folder is None:
         return []
-    link = html.escape(str(path), quote=True)
+    rows = kept_rows(folder)
+    lines = []
+    for case, title in CASES.items():
+        own = [row for row in rows if row.case == case]
+        if not own:
+            lines.append(
+                f"<tr><td>{case}</td><td>{html.escape(title)}</td>"
+                "<td colspan='5'>no test ran</td></tr>"
+            )
+            continue
+        passed = all(row.passed for row in own)
+        worst = max(own, key=lambda row: (not row.passed, row.used))
+        cases = sum(row.cases for row in own if row.what == TESTS_THAT_FAIL)
+        lines.append(
+            f"<tr><td>{case}</td><td>{html.escape(title)}</td>"
+            f"<td>{'passed' if passed else '<b>failed</b>'}</td><td class='n'>{cases}</td>"
+            f"<td>{html.escape(worst.what)}</td><td class='n'>{worst.worst:.3g} of "
+            f"{worst.tolerance:.3g} {html.escape(worst.unit)}</td>"
+            f"<td>{html.escape(', '.join(sorted({row.backend for row in own})))}</td></tr>"
+        )
     return [
-        "<h2>Hard cases</h2><p>What is easy to get wrong, with its worst figures and tolerances: "
-        f"<a href='{link}'>{link}</a>.</p>"
+        "<h2 id='hard-cases'>Hard cases</h2><p>Can the numbers above be trusted where shadow maps "
+        "are known to break? Each line is a family of tests with tolerances from theory; shown is "
+        "the figure that comes nearest to its tolerance.</p>",
+        "<table><tr><th></th><th>case</th><th></th><th>tests</th><th>nearest to its tolerance"
+        "</th><th>figure</th><th>back ends</th></tr>",
+        *lines,
+        "</table>",
     ]
 
 

@@ -4,6 +4,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .disc import SOFT_RAYS
 from .metrics import compare
 from .sampling import NO_CASCADE
 from .settings import ShadowSettings
@@ -15,7 +16,6 @@ __all__ = ["Row", "Verification", "everything_on", "table_text", "verify"]
 SHARE = 0.01  # of the error: a change below it is none
 FLOOR = 1e-5  # of the judged pixels: two of a million-pixel picture that change with anything
 SLACK = 0.05  # of milliseconds, which no two runs agree on better
-SOFT_RAYS = 64
 FLICKER_FRAMES, FLICKER_POINTS = 6, 4000
 OUTPUTS = ("mask", "valid", "cascade_index")
 

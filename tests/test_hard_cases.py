@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from hard_case_records import Recorder, cases_of, severity
 
-from csm import cli, hard_cases
+from csm import cli, hard_case_page, hard_cases
 
 TESTS = Path(__file__).resolve().parent
 NUMERICS = TESTS.parent / "docs" / "numerics.md"
@@ -105,7 +105,7 @@ def test_figures_check_and_keep_the_worst(toy):
     skipped = by_name["S1", hard_cases.TESTS_THAT_FAIL]
     assert (skipped.cases, skipped.passed) == (0, False), "what is skipped has not passed"
     assert len(rows) == 4
-    text = hard_cases.table(rows)
+    text = hard_case_page.table(rows)
     assert re.search(r"^FAIL +F1 +small +0\.5 +0\.4 +m +3 +none$", text, flags=re.MULTILINE)
     assert re.search(r"^FAIL +X1 +no test ran", text, flags=re.MULTILINE)
     more, _ = hard_cases.collect(toy, toy / "out", slow=True)
@@ -140,13 +140,13 @@ def test_the_page_stands_alone(tmp_path):
     picture = tmp_path / "p.png"
     picture.write_bytes(b"not really")
     rows = [row(picture=picture), row(worst=3.0, passed=False, what="worse")]
-    text = hard_cases.page(rows, {"egl": "some <driver>"}, version="1", slow=False)
+    text = hard_case_page.page(rows, {"egl": "some <driver>"}, version="1", slow=False)
     assert "a &lt; b" in text
     assert "some &lt;driver&gt;" in text
     assert "data:image/png;base64," in text
     assert not re.search(r"(src|href)='(?!data:|#)", text), "needs no other file"
     assert text.count("FAIL") == 1 + len(hard_cases.CASES) - 1
-    path = hard_cases.write_page(tmp_path / "new", text)
+    path = hard_case_page.write_page(tmp_path / "new", text)
     assert path.read_text(encoding="utf-8") == text
     assert [each.name for each in path.parent.iterdir()] == ["hard_cases.html"]
 

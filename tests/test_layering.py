@@ -184,9 +184,9 @@ ORDER = [
     "sweep_tables", "sweep_provenance", "sweeps", "signals", "forecasts", "decisions",
     "verification", "recommendation", "director", "export",
     "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "techniques",
-    "fronts", "report_pictures", "reports", "report_runs", "results", "hard_cases",
-    "pytest_plugin", "viewer", "sweep_command", "recommend_command", "report_command", "cli",
-    "__main__",
+    "hard_cases", "hard_case_page", "fronts", "report_pictures", "reports", "report_runs",
+    "results", "pytest_plugin", "viewer", "sweep_command", "recommend_command", "report_command",
+    "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {
     "embree", "disc", "tracing", "footprints", "sampling", "causes", "metrics", "motion",

@@ -1,13 +1,18 @@
 """The page of a sweep over techniques: whole in one file, and true to its dataset."""
 
+import io
+import json
 import re
 
 import numpy as np
 import pytest
 
 import csm
+from csm import cli
+from csm.hard_cases import CASES, RECORDS
 from csm.report_command import chosen_techniques
-from csm.report_runs import crop_place
+from csm.report_pictures import front_picture
+from csm.report_runs import crop_place, path_of, with_crops_and_flicker
 from csm.techniques import BASELINE, FAMILIES
 
 xarray = pytest.importorskip("xarray", reason="reports are made of datasets (extra: sweep)")
@@ -87,3 +92,109 @@ def test_families_choose_techniques():
     assert len(chosen_techniques(None)) >= 60
     with pytest.raises(ValueError, match=rf"{FAMILIES[0]}.*'sofd'"):
         chosen_techniques("sofd")
+
+
+def test_what_never_errs_is_drawn_too():
+    # A logarithmic axis has no 0, and what does not flicker at all is the best there is.
+    costs, names, families = [1.0, 2.0, 4.0], ["a", "b", "c"], ["one", "one", "two"]
+
+    def picture(errors):
+        from PIL import Image
+
+        drawn = front_picture(
+            costs, errors, names, families, title="", cost="time [ms]", error="flicker"
+        )
+        return np.asarray(Image.open(io.BytesIO(drawn)).convert("RGB"))
+
+    with_zero, without = picture([0.1, 0.0, 0.01]), picture([0.1, np.nan, 0.01])
+    colour = np.array(with_zero[:, :, :3], int)
+    assert with_zero.shape != without.shape or (colour != without).any()
+    blue = lambda shown: int(((shown - (0, 114, 178)) ** 2).sum(axis=-1).__lt__(300).sum())  # noqa: E731
+    assert blue(with_zero.astype(int)) > 1.2 * blue(without.astype(int)), "b has no point"
+    assert picture([0.0, 0.0, 0.0]).any(), "a technique each at 0"
+
+
+def records(case, worst, failed):
+    """Records of one case with a figure that used up `worst` of its tolerance."""
+    figure = {
+        "case": case, "what": f"<figure> of {case}", "worst": worst, "tolerance": 1.0,
+        "unit": "texel", "cases": 2, "test": "t.py::test_x", "picture": None, "failed": failed,
+    }  # fmt: skip
+    outcome = "failed" if failed else "passed"
+    return figure, {case: [["t.py::test_x", outcome], ["t.py::test_y", "passed"]]}
+
+
+def test_hard_cases_are_summed_up(dataset, tmp_path):
+    for backend, worst in (("egl", 0.25), ("osmesa", 0.5)):
+        figures, tests = zip(records("S1", worst, 0), records("X1", 1.5, 1), strict=True)
+        (tmp_path / "hard" / backend).mkdir(parents=True)
+        (tmp_path / "hard" / backend / RECORDS).write_text(
+            json.dumps({"figures": figures, "tests": tests[0] | tests[1], "driver": "somebody"})
+        )
+    page = csm.report(dataset, out=tmp_path / "page", hard_cases=tmp_path / "hard")
+    text = page.read_text(encoding="utf-8")
+    lines = dict(re.findall(r"<tr><td>([A-Z]\d)</td>(.*?)</tr>", text))
+    assert set(lines) == set(CASES)
+    assert ">passed<" in lines["S1"]
+    assert "0.5 of 1 texel" in lines["S1"], "the nearest to its tolerance of both back ends"
+    assert "<td class='n'>4</td>" in lines["S1"], "two tests on two back ends"
+    assert "egl, osmesa" in lines["S1"]
+    assert "<b>failed</b>" in lines["X1"]
+    assert "1.5 of 1 texel" in lines["X1"]
+    assert "no test ran" in lines["F1"]
+    assert "&lt;figure&gt; of S1" in text
+    with pytest.raises(FileNotFoundError, match="csm hard-cases --out"):
+        csm.report(dataset, out=tmp_path / "new", hard_cases=tmp_path / "page")
+    assert not (tmp_path / "new").exists(), "refused before anything is written"
+    (tmp_path / "hard" / "egl" / RECORDS).write_text("{}")
+    with pytest.raises(ValueError, match="no records of hard cases"):
+        csm.report(dataset, out=tmp_path / "new", hard_cases=tmp_path / "hard")
+
+
+def test_a_sun_with_a_disc_is_judged_by_its_disc(tmp_path, capsys):
+    pytest.importorskip("embreex", reason="truths are traced (extra: truth)")
+    out = tmp_path / "page"
+    words = ["report", "plane_and_box:corner:morning", "--sun-diameter", "6", "--size", "96x54"]
+    words += ["--families", "soft", "--repeats", "1", "--out", str(out), "--rays", "16"]
+    assert cli.main(words) == 0
+    assert capsys.readouterr().out.strip() == str(out / "report.html")
+    text = (out / "report.html").read_text(encoding="utf-8")
+    assert "a disc of 6°, which the truth averages over 16 rays a pixel" in text
+    assert "<th>peter panning</th>" in text
+    swept = xarray.open_dataset(out / "sweep" / "sweep.nc").load().isel(case=0)
+    error = dict(zip(swept.technique.values.tolist(), swept.error_total.values, strict=True))
+    # penumbrae of 6 degrees are pixels wide here: a hard edge misses them, soft shadows do not
+    assert error["pcss"] < 0.7 * error[BASELINE]
+
+
+def test_crops_show_the_truth_that_judged(tmp_path):
+    pytest.importorskip("embreex", reason="truths are traced (extra: truth)")
+    scene = csm.scenes.plane_and_box()
+    camera = scene.cameras["corner"].replace(size=(64, 48))
+    sun = csm.Sun(scene.suns["diagonal"].to_light, 8.0)
+    swept = xarray.Dataset(
+        {"status": (("case", "technique"), [["ok", "failed"]])},
+        {"case": ["box"], "technique": [BASELINE, "not snapped"]},
+    )
+    found = with_crops_and_flicker(swept, {"box": (scene, camera, sun)}, rays_per_pixel=16)
+    shown = found.crop_truth.values[0, :48, :64]
+    assert ((shown > 0.1) & (shown < 0.9)).any(), "penumbrae"
+    np.testing.assert_array_equal(
+        shown, csm.truth(scene, camera, sun, rays_per_pixel=16).mask, err_msg="the whole picture"
+    )
+    with csm.Renderer() as renderer:
+        mask = renderer.render(scene, camera, sun).mask
+    np.testing.assert_array_equal(found.crop.values[0, 0, :48, :64], mask)
+    assert np.isnan(found.crop.values[0, 1]).all(), "of a point that failed nothing is shown"
+    assert found.flicker.values[0, 0] == 0.0, "snapped windows hold still"
+    assert np.isnan(found.flicker.values[0, 1])
+
+
+def test_the_path_walks_and_turns():
+    scene = csm.scenes.plane_and_box()
+    for camera in (scene.cameras["corner"], scene.cameras["map"]):
+        path = path_of(camera)
+        np.testing.assert_allclose(path[0].eye, camera.eye)
+        steps = np.diff([one.eye for one in path], axis=0)
+        assert (steps @ camera.right > 0.0).all(), "sideways"
+        assert all(one.size == camera.size and one.far == camera.far for one in path)
