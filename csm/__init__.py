@@ -2,7 +2,7 @@
 
 from importlib import metadata as _metadata
 
-from . import plot, scenes
+from . import measures, plot, scenes
 from .cascades import Cascades, bias_metres, fit_cascades
 from .check_files import read_check, write_check
 from .checks import CascadeCheck, CheckProblem, check_cascades
@@ -54,6 +54,7 @@ __all__ = [
     "flicker",
     "load",
     "load_elevation",
+    "measures",
     "plan",
     "plot",
     "read_check",

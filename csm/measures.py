@@ -1,21 +1,25 @@
-"""Other measures: where shadow edges lie, how wide penumbrae are, what texels are used for.
+"""Other measures: where edges lie, how wide penumbrae are, what texels are for, what keeps still.
 
 See docs/numerics.md 15.
 """
 
 from dataclasses import dataclass, field
+from itertools import pairwise
 
 import numpy as np
 
 from .metrics import compare
 from .sampling import LIT, pixels_per_texel, undersampling
+from .settings import ShadowSettings
 
 __all__ = [
     "EdgeDistances",
     "PenumbraError",
+    "SettingsStability",
     "TexelUse",
     "boundary_distance",
     "penumbra_error",
+    "settings_stability",
     "texel_use",
 ]
 
@@ -231,6 +235,83 @@ def texel_use(frame, truth):
         density = 1.0 / area
     coarsest = np.where(report.judged, undersampling(frame, truth), np.nan)
     return TexelUse(used, used / sizes**2, answered, density, coarsest)
+
+
+@dataclass(frozen=True)
+class SettingsStability:
+    """How often settings change along a path. Made by `settings_stability`.
+
+    Attributes
+    ----------
+    steps : int
+        From each frame to the next.
+    changed : tuple of int
+        Frames whose settings differ from those of the frame before.
+    by_effect : dict of str to int
+        Changes of each setting that changed at all.
+    returns : int
+        Changes of a setting back to what it was before its last change: choices that flicker.
+    """
+
+    steps: int
+    changed: tuple[int, ...]
+    by_effect: dict[str, int]
+    returns: int
+
+    @property
+    def changed_share(self):
+        """Share of the steps at which anything changed; NaN without steps."""
+        return len(self.changed) / self.steps if self.steps else float("nan")
+
+    def __str__(self):
+        if not self.changed:
+            return f"the same settings over {self.steps} steps"
+        most = sorted(self.by_effect.items(), key=lambda item: -item[1])
+        return (
+            f"{len(self.changed)} of {self.steps} steps change settings ("
+            + ", ".join(f"{name} {count}" for name, count in most)
+            + f"); {self.returns} changes go back"
+        )
+
+
+def settings_stability(path):
+    """Whether the choice of settings keeps still along a path.
+
+    Parameters
+    ----------
+    path : sequence of ShadowSettings, Recommendation or Frame
+        In the order of the frames. Compared is the canonical form, which is what is drawn.
+
+    Returns
+    -------
+    stability : SettingsStability
+
+    Raises
+    ------
+    TypeError
+        If one of them is none of these.
+    """
+    drawn = []
+    for number, one in enumerate(path):
+        settings = getattr(one, "settings", one)
+        if not isinstance(settings, ShadowSettings):
+            raise TypeError(
+                f"path must hold ShadowSettings, Recommendations or Frames "
+                f"(got {type(one).__name__} at {number})"
+            )
+        drawn.append(settings.canonical().to_dict())
+    changed, by_effect, before, returns = set(), {}, {}, 0
+    for number, (last, now) in enumerate(pairwise(drawn), 1):
+        for name, value in now.items():
+            if value == last[name]:
+                continue
+            changed.add(number)
+            by_effect[name] = by_effect.get(name, 0) + 1
+            returns += name in before and before[name] == value
+            before[name] = last[name]
+    return SettingsStability(
+        max(len(drawn) - 1, 0), tuple(sorted(changed)), by_effect, int(returns)
+    )
 
 
 def _mean(values):

@@ -123,3 +123,24 @@ def test_texels_per_pixel_on_the_ground_are_a_ratio_of_areas(frame, truth):
     shares = use.histogram([0.5, 1.0, 2.0])
     assert shares.sum() == pytest.approx(1.0)
     assert len(shares) == 4
+
+
+def test_settings_that_go_back_and_forth_are_counted():
+    a, b = csm.ShadowSettings(cascade_count=2), csm.ShadowSettings(cascade_count=3)
+    still = measures.settings_stability([a, a, a.replace(filter_size=7), a])
+    assert (still.steps, still.changed, still.returns) == (3, (), 0), "hard filters have no size"
+    assert str(still) == "the same settings over 3 steps"
+    once = measures.settings_stability([a, a, b, b])
+    assert (once.changed, once.by_effect, once.returns) == ((2,), {"cascade_count": 1}, 0)
+    flickers = measures.settings_stability([a, b, a, b, b.replace(map_size=512)])
+    assert flickers.changed == (1, 2, 3, 4)
+    assert flickers.by_effect == {"cascade_count": 3, "map_size": 1}
+    assert flickers.returns == 2, "b again, a again"
+    assert flickers.changed_share == 1.0
+    assert np.isnan(measures.settings_stability([a]).changed_share)
+    with pytest.raises(TypeError, match=r"path .*str at 1"):
+        measures.settings_stability([a, "b"])
+
+
+def test_settings_are_found_in_frames(frame):
+    assert measures.settings_stability([frame, frame.settings]).changed == ()
