@@ -1,13 +1,14 @@
 """The page about what accuracy costs in time: one HTML file with everything in it.
 
-Made from a dataset alone, as `csm.sweep` gives it with an axis ``technique``; what
-`csm.report_runs.with_crops_and_flicker` adds to it (crops, flicker) is shown where it is there.
+Made from a dataset alone, as `csm.sweep` gives it; what `csm.report_runs.with_crops_and_flicker`
+adds to one over techniques (crops, flicker) is shown where it is there.
 """
 
 import base64
 import html
 import json
 import math
+from itertools import product
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +16,7 @@ import numpy as np
 from .fronts import best_within, next_halvings, on_front, paired_interval
 from .hard_cases import CASES, TESTS_THAT_FAIL, kept_rows
 from .report_pictures import crop_picture, error_crop_picture, front_picture
+from .sweep_points import SETTINGS
 from .techniques import BASELINE, TECHNIQUES
 
 __all__ = ["report"]
@@ -48,12 +50,13 @@ figcaption { font-size: 11px; line-height: 1.25; color: #444; }
 
 
 def report(dataset, *, out="report", title="What accuracy costs in time", hard_cases=None):
-    """Write the page of a sweep over techniques.
+    """Write the page of a sweep.
 
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `csm.sweep` with an axis ``technique``, and perhaps more; see the module's page.
+        From `csm.sweep`. Labels of an axis ``technique`` are the techniques; of other axes every
+        combination is one, ``"map_size 512, fit box"``, coloured by the first axis of texts.
     out : path
         Folder: ``report.html``, which needs no other file, and its pictures as PNG files.
     title : str
@@ -67,15 +70,14 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     Raises
     ------
     ValueError
-        If the dataset has no axis ``technique`` or lacks errors, times or bytes.
+        If the dataset has no cases or nothing to compare, or lacks errors, times or bytes.
     OSError
         If the folder cannot be written, or nothing lies in that of the hard cases.
     """
-    for name in ("technique", "error_total", "ms_total", "bytes_maps"):
+    for name in ("case", "error_total", "ms_total", "bytes_maps"):
         if name not in dataset:
-            raise ValueError(
-                f"dataset must have {name}: csm.sweep(cases, {{'technique': {{...}}}}) gives it"
-            )
+            raise ValueError(f"dataset must have {name}: csm.sweep(cases, axes) gives it")
+    dataset = _by_technique(dataset)
     hard = _hard_cases(hard_cases)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
@@ -96,8 +98,33 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     return page
 
 
+def _by_technique(dataset):
+    """Join the axes of a sweep into one, ``technique``, with a ``family`` that colours it."""
+    axes = [str(name) for name in dataset.error_total.dims if name != "case"]
+    if axes == ["technique"]:
+        return dataset
+    if not axes:
+        raise ValueError("dataset must have an axis to compare, e.g. technique (it has cases only)")
+    values = [dataset[axis].values.tolist() for axis in axes]
+    names, families = [], []
+    for place in product(*values):
+        texts = [  # labels of one's own stand for themselves
+            f"{axis} {value}" if axis in SETTINGS else str(value)
+            for axis, value in zip(axes, place, strict=True)
+        ]
+        names.append(", ".join(texts))
+        # the first axis of texts, or the first
+        families.append(min(zip(map(_is_number, place), range(len(axes)), texts, strict=True))[2])
+    joined = dataset.stack(joined=axes).drop_vars(["joined", *axes]).rename(joined="technique")
+    return joined.assign_coords(technique=names, family=("technique", families))
+
+
+def _is_number(value):
+    return not isinstance(value, str)
+
+
 def _head(dataset, title):
-    where = dataset.attrs.get("renderer") or dataset.attrs.get("driver") or ""
+    where = dataset.attrs.get("driver", "")
     return [
         "<!doctype html><html lang='en'><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width'>",
@@ -171,7 +198,9 @@ def _summary(dataset):
     ]
 
 
-def _families(names):
+def _families(one, names):
+    if "family" in one.coords:
+        return [str(family) for family in one.family.values]
     known = {technique.name: technique.family for technique in TECHNIQUES}
     return [known.get(name, "others") for name in names]
 
@@ -200,7 +229,7 @@ def _about(attributes, case):
 
 def _case(one, pictures, case, about):
     names = [str(name) for name in one.technique.values]
-    families = _families(names)
+    families = _families(one, names)
     error, time = one.error_total.values, one.ms_total.values
     memory = one.bytes_maps.values / MIB
     axes = [

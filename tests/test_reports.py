@@ -40,7 +40,7 @@ def dataset():
             "crop_truth": (("case", "y", "x"), np.ones((2, 6, 8))),
         },
         {"case": ["town & street", "hill"], "technique": NAMES},
-        {"renderer": "a driver", "csm": "0.1.0"},
+        {"driver": "a driver", "csm": "0.1.0"},
     )
 
 
@@ -51,6 +51,7 @@ def test_page_needs_no_other_file_and_says_what_the_dataset_says(dataset, tmp_pa
     assert "it &lt;broke&gt;" in text
     assert "a &lt;name&gt; of one&#x27;s own" in text
     assert "<name>" not in text
+    assert "<p class='note'>a driver</p>" in text
     for case in ("town &amp; street", "hill"):
         assert f">{case}</h2>" in text
     # half of hard's 1 % is pcf's 0.4 %, at 1.4 times the time
@@ -67,7 +68,25 @@ def test_order_of_dimensions_does_not_matter(dataset, tmp_path):
     assert csm.report(turned, out=tmp_path / "two").read_text(encoding="utf-8") == one
 
 
-@pytest.mark.parametrize("name", ["error_total", "ms_total", "bytes_maps"])
+def test_axes_of_a_sweep_of_ones_own_are_joined(dataset, tmp_path):
+    """Every combination is a row; the same numbers under names give the same page but for them."""
+    numbers = dataset.drop_vars(["technique", "crop", "crop_truth"])
+    axes = numbers.assign_coords(technique=np.arange(4)).coarsen(technique=2)
+    axes = axes.construct(technique=("map_size", "look")).drop_vars("technique")
+    axes = axes.assign_coords(map_size=[512, 1024], look=["crisp", "blurred"])
+    names = [f"map_size {m}, {look}" for m in (512, 1024) for look in ("crisp", "blurred")]
+    text = csm.report(axes, out=tmp_path / "axes").read_text(encoding="utf-8")
+    named = csm.report(numbers.assign_coords(technique=names), out=tmp_path / "named")
+    tables = [re.findall(r"<t[rd].*?</t[rd]>", one) for one in (text, named.read_text("utf-8"))]
+    assert tables[0] == tables[1]
+    assert sum(f"<td>{name}</td>" in text for name in names) == 4
+    only = csm.report(axes.isel(look=0, drop=True), out=tmp_path / "only")
+    assert "<td>map_size 1024</td>" in only.read_text("utf-8")
+    with pytest.raises(ValueError, match="an axis to compare"):
+        csm.report(axes.isel(look=0, map_size=0, drop=True), out=tmp_path)
+
+
+@pytest.mark.parametrize("name", ["case", "error_total", "ms_total", "bytes_maps"])
 def test_a_dataset_that_lacks_something_is_refused_by_name(dataset, tmp_path, name):
     with pytest.raises(ValueError, match=name):
         csm.report(dataset.drop_vars(name), out=tmp_path)
