@@ -46,6 +46,7 @@ base = csm.ShadowSettings(cascade_count=3, lam=0.8, map_size=512)
 STILL = 1e-3  # of what flickers: a rasteriser rounds corners anew in each window
 
 
+# %%
 def picture(ax, array, title, **options):
     """An image without ticks, its title at the left."""
     drawn = ax.imshow(array, interpolation="nearest", **options)
@@ -61,7 +62,7 @@ def bars(ax, values, xlabel, title, colour=0):
     ax.yaxis.set_inverted(True)
     ax.margins(x=0.16)
     ax.spines[["top", "right"]].set_visible(False)
-    ax.set(xlabel=xlabel)
+    ax.set(xlabel=xlabel, ylabel="settings")
     ax.set_title(title, loc="left", fontsize="medium")
 
 

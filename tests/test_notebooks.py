@@ -6,9 +6,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import scene_files
 
 pytest.importorskip("matplotlib", reason="notebooks draw (extra: notebooks)").use("Agg")
 pytest.importorskip("embreex", reason="notebooks compare with csm.truth (extra: notebooks)")
+pytest.importorskip("xarray", reason="notebooks sweep (extra: notebooks)")
 plt = pytest.importorskip("matplotlib.pyplot")
 
 FOLDER = Path(__file__).resolve().parents[1] / "notebooks"
@@ -17,21 +19,25 @@ NOTEBOOKS = sorted(FOLDER.glob("*.py"))
 
 @pytest.fixture(scope="module")
 def outcome(tmp_path_factory):
-    """Function from a notebook's name to its variables and figures; each runs once."""
+    """Function from a notebook's name to its variables and figures; each runs once.
+
+    On real scenes where they are and the notebook has a use for them; without them if asked.
+    """
     kept = {}
 
-    def run(name):
-        if name not in kept:
+    def run(name, scenes=scene_files.FOLDER):
+        if (name, scenes) not in kept:
             plt.close("all")
             folder = tmp_path_factory.mktemp("notebook")
             with pytest.MonkeyPatch.context() as patch:
                 patch.chdir(folder)
+                patch.setenv("CSM_SCENES", str(scenes))
                 # Shown is what a reader sees; closing is left to the fixture.
                 patch.setattr(plt, "show", lambda: None)
                 variables = runpy.run_path(str(FOLDER / name))
-            kept[name] = variables, [plt.figure(n) for n in plt.get_fignums()]
+            kept[name, scenes] = variables, [plt.figure(n) for n in plt.get_fignums()]
             assert not list(folder.iterdir()), "a notebook saves nothing unless asked"
-        return kept[name]
+        return kept[name, scenes]
 
     yield run
     plt.close("all")
@@ -43,6 +49,8 @@ def test_there_are_notebooks():
         "03_fit_and_snap.py",
         "04_bias.py",
         "05_filters.py",
+        "06_cost_and_quality.py",
+        "07_flicker.py",
     }
     assert not list(FOLDER.glob("*.ipynb")), "scripts in the percent format alone: no outputs"
 
@@ -200,6 +208,61 @@ def test_filters_notebook_shows_kernels_transitions_and_formats(outcome):
     assert errors["evsm4 float16"] > 1.1 * errors["evsm4 float32"]
     assert leaks["evsm4 float16"] > 0.01 > leaks["evsm4 float32"]
     assert errors["msm unorm16"] < 1.15 * errors["msm float32"]
+
+
+def test_cost_notebook_shows_what_it_says(outcome):
+    """Beside what it checks itself: who is better than whom, at every point of the sweep."""
+    variables, _ = outcome("06_cost_and_quality.py")
+    error = variables["found"].error_total
+    assert (error.sel(look="pcf 5 x 5") > error.sel(look="hard")).all(), "blur under a point sun"
+    assert (error.sel(fit="visible") < error.sel(fit="sphere")).all()
+    assert (error.diff("cascade_count") < 0).all()
+    assert variables["real"] == scene_files.FOLDER.joinpath("denhaag_lod2.glb").is_file()
+    # the same settings in the sweep's renderer and in the notebook's
+    swept = error.sel(map_size=512, cascade_count=1, look="hard", fit="sphere")
+    assert variables["reports"]["one map of 512"].mean["total"] == pytest.approx(float(swept))
+    # the laws hold better for The Hague's long edges than for a town of railings
+    assert variables["low"] > (0.7 if variables["real"] else 0.4)
+    assert variables["high"] < 1.25
+    softly = variables["softly"]
+    assert all(p < h for p, h in zip(softly["pcss"], softly["hard"], strict=True))
+    assert set(variables["drawn"]) == {
+        f"{variables['place'].replace(' ', '_')}_{kind}.png" for kind in ("time", "memory")
+    }
+
+
+def test_flicker_notebook_shows_what_it_says(outcome):
+    variables, _ = outcome("07_flicker.py")
+    assert variables["free"].largest == 1.0
+    assert variables["exact"].count == variables["free"].count > 200_000
+    # what a map shows is the mean over the steps in which its point counts
+    image, shown = variables["flicker_map"](variables["free"]), variables["shown"]
+    assert np.isnan(image[~shown]).all()
+    always = np.isfinite(variables["free"].changes).all(axis=0)
+    changes = variables["free"].changes[:, always]
+    assert np.abs(image[shown][always] - changes.mean(axis=0)).max() < 1e-12
+    ratios = variables["ratios"]
+    assert ratios[0] < ratios[1:].mean(), "what is always wrong does not flicker"
+    # "Snapping buys no accuracy and costs next to none"
+    wrong = variables["wrong"]
+    for fit in ("sphere", "visible"):
+        assert wrong[f"{fit}, exact"] == pytest.approx(wrong[f"{fit}, not snapped"], rel=0.15)
+    assert wrong["sphere, exact"] < 0.7 * wrong["sphere, exact, by interval"]
+    largest = {name: report.largest for name, report in variables["softly"].items()}
+    mean = {name: report.mean for name, report in variables["softly"].items()}
+    box, hard = "pcf 5 x 5, box", "hard"
+    assert largest[box] / largest[hard] < mean[box] / mean[hard], "further than the sum"
+    assert mean["pcss"] == pytest.approx(mean["hard"], rel=0.15)
+    assert variables["passing"]["in steps"].mean < 0.5 * variables["passing"]["smooth"].mean
+    levels = variables["zoomed"]["box, geometric levels"].mean
+    assert levels < 0.3 * variables["zoomed"]["sphere, exact"].mean
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["06_cost_and_quality.py", "07_flicker.py"])
+def test_notebooks_of_real_scenes_run_on_made_ones(name, outcome):
+    variables, _ = outcome(name, "")
+    assert not variables["real"]
 
 
 def test_page_of_pictures_shows_what_its_script_draws():
