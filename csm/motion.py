@@ -74,10 +74,14 @@ class FlickerReport:
         return int(np.count_nonzero(np.isfinite(self.changes)))
 
     def __str__(self):
-        return (
-            f"flicker {self.mean:.4%} over {self.count:,} changes, "
-            f"{self.transition_share:.2%} of them between cascades ({self.transition:.4%})"
-        )
+        if not self.count:
+            return "no point is seen in two frames running within the shadow range"
+        between = "none of them between cascades"
+        if self.transition_share > 0.0:
+            between = (
+                f"{self.transition_share:.2%} of them between cascades ({self.transition:.4%})"
+            )
+        return f"flicker {self.mean:.4%} over {self.count:,} changes, {between}"
 
 
 def flicker(frames, *, scene=None):
@@ -90,7 +94,10 @@ def flicker(frames, *, scene=None):
     Parameters
     ----------
     frames : sequence of Frame
-        Two or more, in order, rendered with the same `points` (and best with their normals).
+        Two or more, in order, rendered with the same `points` (and best with their normals), e.g.
+        position and normal of a Truth where it is valid and faces the sun: a point for each pixel.
+        What windows and splits hold from frame to frame belongs to the path: begin it with
+        `Renderer.forget`.
     scene : Scene, optional
         What was rendered. With it rays say whether a point is hidden from the camera, and what the
         true change is; it is needed where the sun moves. Without, a point is taken as hidden where

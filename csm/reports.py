@@ -56,7 +56,8 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     ----------
     dataset : xarray.Dataset
         From `csm.sweep`. Labels of an axis ``technique`` are the techniques; of other axes every
-        combination is one, ``"map_size 512, fit box"``, coloured by the first axis of texts.
+        combination is one, ``"map_size 512, fit box"``, coloured by the first axis of texts,
+        if there is one.
     out : path
         Folder: ``report.html``, which needs no other file, and its pictures as PNG files.
     title : str
@@ -106,6 +107,7 @@ def _by_technique(dataset):
     if not axes:
         raise ValueError("dataset must have an axis to compare, e.g. technique (it has cases only)")
     values = [dataset[axis].values.tolist() for axis in axes]
+    coloured = next((i for i, labels in enumerate(values) if isinstance(labels[0], str)), 0)
     names, families = [], []
     for place in product(*values):
         texts = [  # labels of one's own stand for themselves
@@ -113,14 +115,9 @@ def _by_technique(dataset):
             for axis, value in zip(axes, place, strict=True)
         ]
         names.append(", ".join(texts))
-        # the first axis of texts, or the first
-        families.append(min(zip(map(_is_number, place), range(len(axes)), texts, strict=True))[2])
+        families.append(texts[coloured])
     joined = dataset.stack(joined=axes).drop_vars(["joined", *axes]).rename(joined="technique")
     return joined.assign_coords(technique=names, family=("technique", families))
-
-
-def _is_number(value):
-    return not isinstance(value, str)
 
 
 def _head(dataset, title):

@@ -67,7 +67,9 @@ def test_numbers_of_a_path_counted_by_hand(surface):
     assert report.per_step.tolist() == pytest.approx([0.125, 0.25])
     assert report.count == 7
     assert pickle.loads(pickle.dumps(report)).mean == report.mean
-    assert "over 7 changes" in str(report)
+    assert "over 7 changes, 14.29% of them between cascades (100.0000%)" in str(report)
+    stays = csm.flicker(fakes([[1.0], [0.0]], [[0], [0]], surface))
+    assert str(stays) == "flicker 100.0000% over 1 changes, none of them between cascades"
 
 
 def test_nothing_counted_is_nan_not_zero(surface):
@@ -75,6 +77,7 @@ def test_nothing_counted_is_nan_not_zero(surface):
     for name in ("mean", "transition", "transition_share", "largest"):
         assert np.isnan(getattr(report, name)), name
     assert report.count == 0
+    assert str(report).startswith("no point is seen")
     assert np.isnan(report.per_point).all()
 
 
