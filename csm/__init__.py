@@ -7,6 +7,7 @@ from .cascades import Cascades, bias_metres, fit_cascades
 from .check_files import read_check, write_check
 from .checks import CascadeCheck, CheckProblem, check_cascades
 from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, ShaderError
+from .export import Exported, export_settings
 from .frame import Frame, Visibility
 from .loading import load, load_elevation
 from .metrics import ErrorReport, compare
@@ -31,6 +32,7 @@ __all__ = [
     "ContextError",
     "CsmError",
     "ErrorReport",
+    "Exported",
     "FlickerReport",
     "Frame",
     "GLError",
@@ -50,6 +52,7 @@ __all__ = [
     "bias_metres",
     "check_cascades",
     "compare",
+    "export_settings",
     "fit_cascades",
     "flicker",
     "load",

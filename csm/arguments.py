@@ -20,6 +20,7 @@ __all__ = [
     "find_camera",
     "find_scene",
     "find_sun",
+    "parse_file",
     "parse_folder",
     "parse_rays",
     "parse_settings",
@@ -187,13 +188,47 @@ def parse_folder(text):
     return Path(text)
 
 
-def parse_settings(words):
+def parse_file(option, text, suffixes=None):
+    """Return the path of a file to be written; refused before any work is done.
+
+    Parameters
+    ----------
+    option : str
+        What the user wrote before it.
+    text : str
+    suffixes : sequence of str, optional
+        That it may end in.
+
+    Returns
+    -------
+    path : Path
+
+    Raises
+    ------
+    OSError, ValueError
+        If it ends otherwise, is a folder, or its folder is not there.
+    """
+    path = Path(text)
+    if not text.strip():
+        raise ValueError(f"{option} must name a file (got {text!r})")
+    if suffixes and path.suffix.lower() not in suffixes:
+        raise ValueError(f"{option} must end in {' or '.join(suffixes)} (got {text!r})")
+    if path.is_dir():
+        raise IsADirectoryError(f"{option} {text}: is a folder, not a file")
+    if not path.absolute().parent.is_dir():
+        raise FileNotFoundError(f"{option} {text}: its folder is not there")
+    return path
+
+
+def parse_settings(words, base=None):
     """Return the `ShadowSettings` that words like ``map_size=1024`` change from the defaults.
 
     Parameters
     ----------
     words : sequence of str
         ``key=value``; several numbers are separated by commas.
+    base : ShadowSettings, optional
+        To be changed instead of the defaults.
 
     Returns
     -------
@@ -218,7 +253,7 @@ def parse_settings(words):
         if key in changes:
             raise ValueError(f"--set {key} is given twice")
         changes[key] = _value(key, value, getattr(defaults, key))
-    return defaults.replace(**changes)
+    return (base or defaults).replace(**changes)
 
 
 def _value(key, text, default):

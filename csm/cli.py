@@ -33,6 +33,7 @@ from .recommend_command import (
     add_recommend_options,
     run_recommend,
 )
+from .records import load_settings
 from .renderer import Renderer, backends
 from .report_command import REPORT_EXAMPLES, REPORT_HELP, add_report_options, run_report
 from .results import (
@@ -73,6 +74,7 @@ examples:
   csm render demo --truth --out demo
   csm render town.glb --camera eye=0,20,60,target=0,5,0 --sun 238,33 --out pictures
   csm render forest --set cascade_count=2 --set filter=pcf --set filter_size=5 --out pictures
+  csm render town --settings town.toml --set map_size=1024 --out pictures
   csm render dem.npz --camera eye=0,3e3,9e3,target=0,500,0 --sun=-0.4,0.2,0.3 --out pictures
 
 exit status: 0 done, 2 bad input (one sentence on stderr, nothing written), 130 interrupted
@@ -237,6 +239,11 @@ def _add_render_options(render):
     add("--out", metavar="DIR", required=True, help="folder for the files, made if new")
     add("--size", metavar="WxH", default="1280x720", help="pixels (default 1280x720)")
     add(
+        "--settings",
+        metavar="FILE",
+        help="settings to begin with: .toml or .json, of settings or of csm recommend --out",
+    )
+    add(
         "--set",
         metavar="KEY=VALUE",
         dest="changes",
@@ -287,7 +294,8 @@ def _render(options):
 
     # Everything that can be refused is looked at before the first slow step.
     size = parse_size(options.size)
-    settings = parse_settings(options.changes)
+    base = None if options.settings is None else load_settings(options.settings)
+    settings = parse_settings(options.changes, base)
     if options.rays is not None and not options.truth:
         raise ValueError("--rays needs --truth")
     if options.causes and not options.truth:

@@ -2,7 +2,16 @@
 
 import json
 
-from .arguments import add_backend_option, find_camera, find_scene, find_sun, parse_size
+from .arguments import (
+    add_backend_option,
+    find_camera,
+    find_scene,
+    find_sun,
+    parse_file,
+    parse_size,
+)
+from .export import ENGINES
+from .formats import SUFFIXES
 from .progress import Progress
 from .recommendation import recommend
 from .renderer import Renderer
@@ -29,6 +38,8 @@ examples:
   csm recommend town.glb --camera street --sun 238,33 --max-error 0.002
   csm recommend forest --budget-ms 150 --verify
   csm recommend stairs --json > stairs.json
+  csm recommend town --out town.toml      # and then: csm render town --settings town.toml --out …
+  csm recommend town --export godot --export unity=Shadows.cs
 
 exit status: 0 done, 1 the goal is out of reach (the nearest is printed), 2 bad input
 """
@@ -58,6 +69,20 @@ def add_recommend_options(command):
     add("--max-bytes", metavar="N", type=int, help="bytes of shadow maps, at most")
     add("--verify", action="store_true", help="turn every decision round and judge by the truth")
     add("--json", action="store_true", help="print everything as JSON")
+    add(
+        "--out",
+        metavar="FILE",
+        help="write the recommendation to a .toml or .json; csm render --settings takes it",
+    )
+    add(
+        "--export",
+        metavar="ENGINE[=FILE]",
+        dest="exports",
+        action="append",
+        default=[],
+        help="nearest settings of an engine, and what has no counterpart there, printed, or a "
+        f"snippet to paste written to the file; {', '.join(ENGINES)}; may be repeated",
+    )
     add_backend_option(add)
     add("--quiet", action="store_true", help="no progress on stderr")
 
@@ -65,6 +90,8 @@ def add_recommend_options(command):
 def run_recommend(options):
     """Run the subcommand; 1 if the goal is out of reach."""
     size = parse_size(options.size)
+    out = None if options.out is None else parse_file("--out", options.out, SUFFIXES)
+    exports = _parse_exports(options.exports)
     progress = Progress(quiet=options.quiet)
     with progress.stage(f"loading {options.scene}"):
         scene = find_scene(options.scene, options.ground)
@@ -85,13 +112,38 @@ def run_recommend(options):
         if options.verify:
             with progress.stage("turning every decision round"):
                 proof = found.verify(renderer=renderer)
+    if out is not None:
+        found.save(out)
+    exported = {engine: found.export(engine) for engine in exports}
+    for engine, path in exports.items():
+        if path is not None:
+            exported[engine].write(path)
     if options.json:
         told = found.to_dict()
         if proof is not None:
             told["verification"] = proof.to_dict()
+        if exported:
+            told["exports"] = {engine: one.to_dict() for engine, one in exported.items()}
         print(json.dumps(told, indent=2))
     else:
         print(found)
         if proof is not None:
             print(f"\n{proof}")
+        for engine, one in exported.items():
+            print(f"\n{one}" if exports[engine] else f"\n{one}\n\n{one.text}", end="")
+        if exported:
+            print()
     return int(not found.met)
+
+
+def _parse_exports(words):
+    """Return the file, or None, of each engine that words like ``unity=Shadows.cs`` name."""
+    exports = {}
+    for word in words:
+        engine, equals, text = word.partition("=")
+        if engine not in ENGINES:
+            raise ValueError(f"--export must be one of {', '.join(ENGINES)} (got {engine!r})")
+        if engine in exports:
+            raise ValueError(f"--export {engine} is given twice")
+        exports[engine] = parse_file(f"--export {engine}", text) if equals else None
+    return exports

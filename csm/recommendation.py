@@ -2,11 +2,14 @@
 
 import math
 from contextlib import ExitStack
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import product
+from types import SimpleNamespace
+
+import numpy as np
 
 from .camera import Camera
-from .cascades import check_kinds
+from .cascades import check_kinds, fit_cascades
 from .decisions import (
     COUNTS,
     GAIN,
@@ -18,8 +21,12 @@ from .decisions import (
     wanted_format,
     wanted_size,
 )
+from .digests import scene_digest
+from .export import export_settings
 from .forecasts import CostModel, Forecaster, forecast_cost
+from .formats import Recorded
 from .plans import map_bytes
+from .records import known_scene, plain_values, read_values
 from .renderer import Renderer
 from .scene import Scene
 from .settings import ShadowSettings, map_sizes
@@ -63,8 +70,11 @@ class Reasons(tuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Recommendation:
+class Recommendation(Recorded):
     """What `recommend` found. Prints as a short table; a table in Jupyter, too.
+
+    `to_json`, `to_toml` and `save` write everything but the scene and the coarse pictures (of the
+    scene its digest), `from_json`, `from_toml` and `load` make an equal one of it, bit for bit.
 
     Attributes
     ----------
@@ -86,7 +96,10 @@ class Recommendation:
         Whether the forecast meets the goal.
     obstacle : str or None
         Which effect stands in the way if not.
-    scene : Scene
+    splits : tuple of float
+        View depths [m] between which the first view's cascades lie, fitted to what was seen.
+    scene : Scene or None
+        None when it was read from a file: `with_scene` gives it back.
     path : (tuple of Camera, tuple of Sun)
     """
 
@@ -99,8 +112,10 @@ class Recommendation:
     goal: dict
     met: bool
     obstacle: str | None
-    scene: Scene = field(repr=False)
+    splits: tuple[float, ...]
+    scene: Scene | None = field(repr=False)
     path: tuple = field(repr=False)
+    scene_mark: dict | None = field(default=None, repr=False)
 
     def verify(self, *, renderer=None, rays_per_pixel=None, repeats=3):
         """Render everything on, the recommendation, and it with each decision turned round.
@@ -123,24 +138,107 @@ class Recommendation:
         ------
         ImportError
             If embreex is missing.
+        ValueError
+            If it was read from a file, which holds no scene: give that back by `with_scene`.
         """
+        if self.scene is None:
+            raise ValueError(
+                "verify needs the scene, of which a file holds only the digest "
+                f"{self.scene_mark['digest']}: give it back by with_scene(scene)"
+            )
         with ExitStack() as stack:
             renderer = renderer or stack.enter_context(Renderer())
-            return verify(renderer, self, rays_per_pixel=rays_per_pixel, repeats=repeats)
+            judged = self
+            if not self.signals.views:  # nor does a file hold the coarse pictures
+                measured = measure_signals(renderer, self.scene, *self.path)
+                judged = replace(self, signals=measured)
+            return verify(renderer, judged, rays_per_pixel=rays_per_pixel, repeats=repeats)
+
+    def with_scene(self, scene):
+        """Copy with the scene it is about, which a file does not hold.
+
+        Parameters
+        ----------
+        scene : Scene
+
+        Returns
+        -------
+        recommendation : Recommendation
+
+        Raises
+        ------
+        TypeError
+            If `scene` is something else.
+        ValueError
+            If it is another scene than the recommendation's, by its digest.
+        """
+        check_kinds(scene=scene)
+        digest, known = scene_digest(scene), known_scene(self)["digest"]
+        if digest != known:
+            raise ValueError(
+                "scene must be the one the recommendation is about: its digest is "
+                f"{digest}, not {known}"
+            )
+        return replace(self, scene=scene, scene_mark=None)
+
+    def export(self, engine):
+        """Nearest settings of an engine, and what has no counterpart there.
+
+        Parameters
+        ----------
+        engine : {"threejs", "babylon", "godot", "unity", "unreal", "filament"}
+
+        Returns
+        -------
+        exported : Exported
+            For the first camera and sun of a path; see `csm.export_settings`.
+
+        Raises
+        ------
+        ValueError
+            If there is no such engine.
+        """
+        (camera, *_), (sun, *_) = self.path
+        bounds = np.asarray(known_scene(self)["bounds"])
+        return export_settings(
+            self.settings,
+            engine,
+            camera=camera,
+            sun=sun,
+            scene=SimpleNamespace(bounds=bounds),
+            splits=self.splits,
+        )
+
+    @classmethod
+    def from_dict(cls, values):
+        """Make a recommendation of what `to_dict` gives; without its scene, see `with_scene`.
+
+        Parameters
+        ----------
+        values : dict
+
+        Returns
+        -------
+        recommendation : Recommendation
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a key is missing or unknown, or a value is not allowed.
+        """
+        arguments = read_values(values)
+        return cls(**{**arguments, "reasons": Reasons(arguments["reasons"])})
 
     def to_dict(self):
-        """Return settings, reasons, signals and forecasts as plain values, ready for JSON."""
-        return {
-            "settings": self.settings.to_dict(),
-            "reasons": [{k: v for k, v in vars(r).items() if k != "flipped"} for r in self.reasons],
-            "signals": _plain(self.signals.to_dict()),
-            "expected_error": self.expected_error,
-            "expected_ms": self.expected_ms,
-            "map_bytes": self.map_bytes,
-            "goal": dict(self.goal),
-            "met": self.met,
-            "obstacle": self.obstacle,
-        }
+        """Return everything but the scene and the coarse pictures as plain values.
+
+        Returns
+        -------
+        values : dict
+            Ready for JSON; of the scene its digest and bounds, of the reasons' ``flipped`` what
+            differs from the settings.
+        """
+        return plain_values(self)
 
     def _headline(self):
         s = self.settings
@@ -383,6 +481,10 @@ def _report(search, chosen, model, scene, path, goal):
     dark = chosen.settings.filter == "none"
     rows = [row for row in TABLE if not dark or row.effect == "shadows"]
     obstacle = _obstacle(search, chosen, model, goal)
+    view = search.signals.views[0]
+    fitted = fit_cascades(
+        view.camera, view.sun, chosen.settings, scene=scene, receivers=view.receivers
+    )
     return Recommendation(
         settings=chosen.settings,
         reasons=Reasons(row.reason(at) for row in rows),
@@ -393,6 +495,7 @@ def _report(search, chosen, model, scene, path, goal):
         goal=goal,
         met=obstacle is None,
         obstacle=obstacle,
+        splits=tuple(fitted.splits.tolist()),
         scene=scene,
         path=path,
     )
@@ -445,11 +548,3 @@ def _goal(name, value, low, high):
 
 def _odd_below(size):
     return max(1, (size - 1) // 2 * 2 - 1)
-
-
-def _plain(value):
-    if isinstance(value, dict):
-        return {key: _plain(item) for key, item in value.items()}
-    if isinstance(value, list | tuple):
-        return [_plain(item) for item in value]
-    return value.item() if hasattr(value, "item") else value

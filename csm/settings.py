@@ -6,17 +6,19 @@ from dataclasses import asdict, dataclass, fields, replace
 import numpy as np
 
 from . import _core
+from .formats import Recorded, check_keys
 
 __all__ = ["ShadowSettings", "map_sizes"]
 
 
 @dataclass(frozen=True)
-class ShadowSettings:
+class ShadowSettings(Recorded):
     """How shadows are made. Frozen; `replace` makes a changed copy.
 
     Lengths in texels are texels of the cascade they apply to. A setting that means nothing under
     another choice (``lam`` under ``split="uniform"``) is checked and then ignored; `canonical`
-    shows what counts.
+    shows what counts. `to_json`, `to_toml` and `save` write every setting, `from_json`,
+    `from_toml` and `load` make equal ones of it, bit for bit.
 
     Parameters
     ----------
@@ -406,6 +408,28 @@ class ShadowSettings:
             name: list(value) if isinstance(value, tuple) else value
             for name, value in asdict(self).items()
         }
+
+    @classmethod
+    def from_dict(cls, values):
+        """Settings of the values that `to_dict` gives, or some of them.
+
+        Parameters
+        ----------
+        values : dict
+            Settings by name; what is left out is at its default.
+
+        Returns
+        -------
+        settings : ShadowSettings
+
+        Raises
+        ------
+        TypeError, ValueError
+            If a name is no setting or a value breaks its rule; the text names both, and what is
+            allowed.
+        """
+        check_keys("ShadowSettings", values, [field.name for field in fields(cls)])
+        return cls(**values)
 
     def canonical(self):
         """Copy with what has no meaning at its default, so that equal pictures compare equal.

@@ -1,0 +1,260 @@
+"""What a row of the table of engines is made of, and what several engines ask of our settings."""
+
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+
+__all__ = ["Engine", "Fixed", "Near", "Setting"]
+
+SOFT_KERNEL = 5  # texels that the bias of soft shadows is for: their penumbra is not known
+VARIANCE = ("vsm", "evsm2", "evsm4", "esm", "msm", "lvsm", "savsm", "fourier")
+SPLITS = ("split", "lam", "manual_splits", "first_split")
+RANGE = ("max_distance", "view_range")
+BLEND = ("blend", "blend_width")
+BIAS = (
+    *("bias", "bias_side", "constant_bias_texels", "slope_bias", "normal_offset_texels"),
+    "receiver_plane",
+)
+FILTER = ("filter", "filter_size", "filter_weights")
+
+
+@dataclass(frozen=True)
+class Near:
+    """A value that is not quite ours, and how far from it.
+
+    Attributes
+    ----------
+    value : object
+    note : str
+    of : str or None
+        The setting of ours that the note is about; by default the row's first.
+    """
+
+    value: object
+    note: str
+    of: str | None = None
+
+
+@dataclass(frozen=True)
+class Setting:
+    """A setting of an engine.
+
+    Attributes
+    ----------
+    name : str
+        As the engine has it.
+    of : tuple of str
+        Settings of ours that it stands for.
+    unit : str
+    page : str
+        Where it is documented.
+    value : callable
+        Of a `csm.export.Situation`: the value, `Near` it, or None where it is not written.
+    code : str
+        A line of the snippet, ``$`` being the value.
+    place : int
+        Which part of the snippet it goes to.
+    """
+
+    name: str
+    of: tuple[str, ...]
+    unit: str
+    page: str
+    value: Callable
+    code: str
+    place: int = 0
+
+
+@dataclass(frozen=True)
+class Fixed:
+    """What an engine does in one way, without a setting.
+
+    Attributes
+    ----------
+    of : str
+        The setting of ours.
+    same : tuple
+        Values of ours that are the same; all others have no counterpart.
+    text : str
+        What the engine does.
+    """
+
+    of: str
+    same: tuple
+    text: str
+
+
+@dataclass(frozen=True)
+class Engine:
+    """An engine's cascaded shadow maps.
+
+    Attributes
+    ----------
+    title : str
+    counts : tuple of int
+        Of cascades.
+    map_size : callable
+        Of our size: the side of a cascade's map there.
+    fit : callable
+        Of a Situation: which of our fits its windows are like.
+    kernel : callable
+        Of a Situation: texels along the filter that it will use, for the bias.
+    depth : callable
+        Of a Situation: which of our depth formats and ranges its maps are like, for the bias.
+    settings : tuple of Setting
+    fixed : tuple of Fixed
+    template : str
+        Of the snippet; ``@0``, ``@1`` … stand for the lines of the settings.
+    comment : str
+        What begins a comment.
+    true, false : str
+    brackets : tuple of str
+        Around a list.
+    suffix : str
+        After a number with a point.
+    """
+
+    title: str
+    counts: tuple[int, ...]
+    map_size: Callable
+    fit: Callable
+    kernel: Callable
+    depth: Callable
+    settings: tuple[Setting, ...]
+    fixed: tuple[Fixed, ...]
+    template: str
+    comment: str = "//"
+    true: str = "true"
+    false: str = "false"
+    brackets: tuple[str, str] = ("[", "]")
+    suffix: str = ""
+
+
+# -- what several engines ask ---------------------------------------------------------------------
+
+
+def cascade_count(at):
+    if at.count == at.ours:
+        return at.count
+    text = f"{at.ours} cascades become {at.count}"
+    return Near(at.count, f"{text}, cut anew along the same curve", "cascade_count")
+
+
+def map_size(at, scale=1):
+    """Side of a texture that holds ``scale`` maps along it."""
+    if at.size == at.our_size and not at.sizes_differ:
+        return scale * at.size
+    text = f"{at.our_size} become {at.size} texels, {at.size / at.our_size:.3g} times"
+    if at.sizes_differ:
+        text += "; one size for all cascades"
+    return Near(scale * at.size, text, "map_size")
+
+
+def shadow_distance(at):
+    return at.far
+
+
+def begins_late(at):
+    """Note about a first cascade that begins at the camera, or None."""
+    if at.begin <= at.near * (1.0 + 1e-6):
+        return None
+    near = f"the camera's near, {at.near:.4g} m"
+    return f"the first cascade begins at {near}, not at {at.begin:.4g} m"
+
+
+def with_begin(at, value):
+    note = begins_late(at)
+    return value if note is None else Near(value, note)
+
+
+def split_note(at, made, what):
+    """Say how far the splits of a scheme are from those wanted."""
+    missed = np.abs(np.asarray(made)[1:-1] - np.asarray(at.splits)[1:-1])
+    if not len(missed) or (missed <= 1e-6 * at.far).all():
+        return begins_late(at)
+    worst = int(np.argmax(missed))
+    note = (
+        f"{what}: split {worst + 1} lies at {made[worst + 1]:.4g} m instead of "
+        f"{at.splits[worst + 1]:.4g} m, the farthest of them from its place"
+    )
+    begin = begins_late(at)
+    return note if begin is None else f"{note}; {begin}"
+
+
+def is_soft(at):
+    return at.settings.filter == "pcss"
+
+
+def is_hard(at):
+    return at.settings.filter in ("hard", "none")
+
+
+def quality(at, sides, values):
+    """Value for the smallest kernel that is not below ours, the largest if none is."""
+    side = SOFT_KERNEL if is_soft(at) else at.settings.filter_size
+    chosen = next((i for i, one in enumerate(sides) if one >= side), len(sides) - 1)
+    return chosen, values[chosen]
+
+
+def fade_start(at):
+    """View depth [m] at which shadows begin to fade."""
+    return at.far - at.settings.fade_width * (at.far - at.begin)
+
+
+def fade_share(at):
+    return 1.0 - fade_start(at) / at.far
+
+
+def faces(at):
+    return at.settings.caster_faces
+
+
+def blend_share(at, most=1.0):
+    """Width of transitions, as share of a cascade's depth."""
+    if at.settings.blend == "none":
+        return 0.0
+    width = min(at.settings.blend_width, most)
+    of = "the slice" if at.settings.select == "interval" else "half a map"
+    note = f"{at.settings.blend_width:g} of {of} becomes {width:g} of a cascade's depth"
+    if at.settings.blend != "linear":
+        note += f", {at.settings.blend} becomes linear"
+    return Near(width, note)
+
+
+def sun_disc(at):
+    return at.sun.angular_diameter_deg if is_soft(at) else 0.0
+
+
+def not_theirs(at, name):
+    return f"{at.settings.filter} becomes {name}"
+
+
+def in_metres(texels, at):
+    return [float(one) for one in texels * at.texels]
+
+
+INTERVAL = Fixed("select", ("interval",), "a cascade answers for its own view depths")
+NEVER_TURNED = Fixed("turned", (False,), "windows lie along the light's own axes")
+ORTHONORMAL = Fixed("light_basis", ("orthonormal",), "light axes are orthonormal")
+NO_WARP = Fixed("warp", ("none",), "maps have no perspective warp")
+CULLED = Fixed("cull", ("inclusive",), "each cascade draws what its own frustum can need")
+DEPTH_WINDOW = Fixed("depth_range", ("window",), "near and far are set for each cascade by itself")
+NO_FADE = Fixed("fade_width", (0.0,), "shadows end at the distance at once")
+SNAPPED = Fixed("snap", ("exact",), "windows of fixed size move by whole texels")
+
+
+def clamped(value, low, high, what, of):
+    kept = min(max(value, low), high)
+    if kept == value:
+        return value
+    return Near(kept, f"{what}: {value:.4g} is held to {low:g} to {high:g}", of)
+
+
+def with_constant(at, texels):
+    """Texels of a bias that has to hold our constant part, too, in the cascade that needs most."""
+    return texels + float((at.constant_m / at.texels).max())
+
+
+def sphere(at):
+    return "sphere"

@@ -1,0 +1,398 @@
+"""The nearest settings of other engines, and what has no counterpart there."""
+
+from dataclasses import dataclass, field, fields
+from functools import cached_property
+
+import numpy as np
+
+from . import _core
+from .cascades import bias_metres, check_kinds, fit_cascades
+from .conversions import resampled
+from .decisions import TABLE
+from .engine_rows import BLEND, SPLITS, Near
+from .engines_desktop import GODOT, UNITY
+from .engines_native import FILAMENT, UNREAL
+from .engines_web import BABYLON, THREE
+from .formats import write_file
+from .settings import ShadowSettings, map_sizes
+
+__all__ = ["ENGINES", "Exported", "Quantity", "Situation", "export_settings"]
+
+#: The engines by name.
+ENGINES = {
+    "threejs": THREE,
+    "babylon": BABYLON,
+    "godot": GODOT,
+    "unity": UNITY,
+    "unreal": UNREAL,
+    "filament": FILAMENT,
+}
+SEEN = ("sdsm", "histogram")  # splits that are fitted to what is seen
+# What means nothing with a single cascade.
+OF_SEVERAL = ("select", *SPLITS, *BLEND)
+ALL_OF_THEM = {field.name: field.default for field in fields(ShadowSettings)}
+
+
+@dataclass(frozen=True)
+class Quantity:
+    """A value of an engine's setting.
+
+    Attributes
+    ----------
+    value : bool, int, float, str or list
+    unit : str
+        "" where it has none.
+    of : tuple of str
+        The settings of ours that it stands for.
+    page : str
+        Where the engine documents it.
+    """
+
+    value: object
+    unit: str
+    of: tuple[str, ...]
+    page: str
+
+    def __str__(self):
+        def text(value):
+            if isinstance(value, list):
+                return f"({', '.join(map(text, value))})"
+            return f"{value:.6g}" if isinstance(value, float) else str(value)
+
+        return f"{text(self.value)} [{self.unit}]" if self.unit else text(self.value)
+
+
+@dataclass(frozen=True)
+class Exported:
+    """Settings of an engine. Prints as a table that a person reads.
+
+    Every decision of `csm.decisions.TABLE`, and every other setting that is not at its default, is
+    told of in one of these.
+
+    Attributes
+    ----------
+    engine : str
+    title : str
+        The engine and the part of it that is meant.
+    settings : dict of str to Quantity
+        By the engine's names.
+    rounded : dict of str to str
+        By our names: what could not be had exactly, and by how much it is off.
+    built_in : dict of str to str
+        By our names: what the engine does in this one way, without a setting.
+    missing : dict of str to str
+        By our names: what has no counterpart, and what the engine does instead.
+    text : str
+        To be pasted; what is rounded and missing stands in it as comments.
+    """
+
+    engine: str
+    title: str
+    settings: dict
+    rounded: dict
+    built_in: dict
+    missing: dict
+    text: str = field(repr=False)
+
+    def __str__(self):
+        lines = [self.title, ""]
+        lines += _columns([(name, str(one)) for name, one in self.settings.items()])
+        for head, told in (
+            ("rounded", self.rounded),
+            ("done so without a setting", self.built_in),
+            ("no counterpart", self.missing),
+        ):
+            if told:
+                lines += ["", f"{head}:", *_columns(list(told.items()), "  ")]
+        return "\n".join(lines)
+
+    def to_dict(self):
+        """Return everything as plain values, ready for JSON; settings as value and unit."""
+        settings = {
+            name: {"value": one.value, "unit": one.unit, "page": one.page}
+            for name, one in self.settings.items()
+        }
+        return {**vars(self), "settings": settings}
+
+    def write(self, path):
+        """Write the text to be pasted to a file.
+
+        Parameters
+        ----------
+        path : path_like
+
+        Raises
+        ------
+        OSError
+            If it cannot be written.
+        """
+        write_file(path, self.text)
+
+
+class Situation:
+    """What the rows of an engine are asked about: our settings, in the engine's own windows.
+
+    Attributes
+    ----------
+    settings : ShadowSettings
+        Ours, in canonical form.
+    camera : Camera
+    sun : Sun
+    ours, count : int
+        Cascades here and there.
+    splits : (count + 1,) float64
+        View depths [m] of the engine's cascades; the first begins at the camera's near.
+    near, begin, far : float
+        The camera's near, where our first cascade begins, and the end of the range [m].
+    our_size, size : int
+        Texels along our largest map, and along a cascade's there.
+    sizes_differ : bool
+        Whether our maps differ.
+    dark : bool
+        No shadows at all.
+    """
+
+    def __init__(self, engine, settings, camera, sun, scene, splits):
+        self.settings, self.camera, self.sun, self._scene = settings, camera, sun, scene
+        self._engine = engine
+        self.dark = settings.filter == "none"
+        self.ours = len(splits) - 1
+        self.count = min(engine.counts, key=lambda n: (n < self.ours, abs(n - self.ours)))
+        if self.ours > max(engine.counts):
+            self.count = max(engine.counts)
+        sizes = map_sizes(settings)
+        self.our_size, self.sizes_differ = max(sizes), len(set(sizes)) > 1
+        self.size = engine.map_size(self.our_size)
+        self.near, self.begin, self.far = camera.near, float(splits[0]), float(splits[-1])
+        made = resampled(splits, self.count)
+        self.splits = np.concatenate([[min(self.near, made[0])], made[1:]])
+
+    @cached_property
+    def _cascades(self):
+        """Windows like the engine's."""
+        inner = tuple(float(one) for one in self.splits[1:-1])
+        depth_format, depth_range = self._engine.depth(self)
+        settings = ShadowSettings(
+            cascade_count=self.count,
+            map_size=self.size,
+            split="manual",
+            manual_splits=inner,
+            max_distance=self.far,
+            view_range="camera",
+            fit=self._engine.fit(self),
+            depth_format=depth_format,
+            depth_range=depth_range,
+        )
+        return fit_cascades(self.camera, self.sun, settings, scene=self._scene)
+
+    @property
+    def texels(self):
+        """Longer side of a texel of each of the engine's cascades (count,) [m]."""
+        return self._cascades.texel_size.max(axis=1)
+
+    @cached_property
+    def diameters(self):
+        """Longest diagonal of each slice (count,) [m]."""
+        longest = []
+        for near, far in zip(self.splits, self.splits[1:], strict=False):
+            corners = _core.frustum_corners(self.camera, float(near), float(far))
+            across = corners[:, None] - corners[None]
+            longest.append(float(np.sqrt((across**2).sum(axis=-1)).max()))
+        return np.array(longest)
+
+    @property
+    def caster_span(self):
+        """Length of the scene along the light [m]; without one, of the longest slice."""
+        if self._scene is None:
+            return float(self.diameters.max())
+        low, high = np.asarray(self._scene.bounds)
+        return float(np.abs(self.sun.to_light) @ (high - low))
+
+    @cached_property
+    def _bias(self):
+        """Constant part (count,) [m], and texels of bias per tangent of a plane's angle."""
+        if self.dark:
+            return np.zeros(self.count), 0.0
+        kernel = self._engine.kernel(self)
+        probe = ShadowSettings(
+            filter="hard" if kernel == 1 else "pcf",
+            filter_size=3 if kernel == 1 else kernel,
+            bias=self.settings.bias,
+            depth_format=self._engine.depth(self)[0],
+        )
+        by_plane = bias_metres(self._cascades, probe.replace(bias="manual"))
+        if self.settings.bias == "auto":
+            constant = [one["constant_m"] for one in bias_metres(self._cascades, probe)]
+            slope, normal = by_plane[0]["needed_slope_m"], 0.0
+        else:
+            ours = bias_metres(self._cascades, self._manual(probe))
+            constant = [one["constant_m"] for one in ours]
+            slope, normal = ours[0]["slope_m"], ours[0]["normal_offset_m"]
+            if self.settings.receiver_plane:  # which no engine has: the plane's reach instead
+                slope += by_plane[0]["needed_slope_m"]
+        texel = float(self.texels[0])
+        # |gx| + |gy| is at most sqrt(2) times the tangent; an offset along the normal by sin t
+        # texels is worth tan t along the light
+        return np.array(constant), (np.sqrt(2.0) * slope + normal) / texel
+
+    def _manual(self, probe):
+        names = ("constant_bias_texels", "slope_bias", "normal_offset_texels", "bias_side")
+        return probe.replace(**{name: getattr(self.settings, name) for name in names})
+
+    @property
+    def constant_m(self):
+        """Bias along the light that does not depend on slopes (count,) [m]."""
+        return self._bias[0]
+
+    @property
+    def normal_texels(self):
+        """Bias of a plane at the angle t to the light [texels] over tan t."""
+        return float(self._bias[1])
+
+
+def export_settings(settings, engine, *, camera, sun, scene=None, splits=None):
+    """Nearest settings of an engine, and what has no counterpart there.
+
+    Distances become shares of the engine's range, sizes what its maps can have, and biases what
+    its own windows and its own filter need, in its own unit. Names, units and limits are those of
+    the engine's public documentation; docs/export.md has the table.
+
+    Parameters
+    ----------
+    settings : ShadowSettings
+    engine : {"threejs", "babylon", "godot", "unity", "unreal", "filament"}
+    camera : Camera
+        Its near and far are taken to be those of the engine's camera.
+    sun : Sun
+    scene : Scene, optional
+        Its bounds end the range of ``view_range="scene"`` and say how far casters reach.
+    splits : (n + 1,) array_like, optional
+        View depths [m] of the cascades, as in `Cascades.splits` of a frame: needed for splits that
+        are fitted to what is seen.
+
+    Returns
+    -------
+    exported : Exported
+
+    Raises
+    ------
+    TypeError, ValueError
+        If an argument is of the wrong kind, there is no such engine, or splits are needed.
+
+    Examples
+    --------
+    >>> camera, sun = Camera.look_at((0, 2, 9), (0, 1, 0)), Sun((1, 2, 1))
+    >>> export_settings(ShadowSettings(), "unity", camera=camera, sun=sun).settings[
+    ...     "shadowCascadeCount"
+    ... ].value
+    4
+    """
+    check_kinds(settings=settings, camera=camera, sun=sun)
+    if engine not in ENGINES:
+        raise ValueError(f"engine must be one of {', '.join(ENGINES)} (got {engine!r})")
+    canonical = settings.canonical()
+    splits = _splits(canonical, camera, sun, scene, splits)
+    row = ENGINES[engine]
+    return _exported(engine, row, Situation(row, canonical, camera, sun, scene, splits))
+
+
+def _splits(settings, camera, sun, scene, splits):
+    """Split distances of the settings, given or fitted."""
+    if splits is None:
+        if settings.split in SEEN:
+            raise ValueError(
+                f"split={settings.split!r} is fitted to what is seen: give splits=, for example "
+                "those of a frame, frame.cascades.splits"
+            )
+        plain = settings.replace(fit="sphere", turned=False, warp="none")
+        return fit_cascades(camera, sun, plain, scene=scene).splits
+    splits = np.asarray(splits, np.float64)
+    wanted = settings.cascade_count + 1
+    if splits.shape != (wanted,) or not np.isfinite(splits).all() or (np.diff(splits) <= 0).any():
+        raise ValueError(
+            f"splits must be {wanted} ascending view depths [m] for {wanted - 1} cascades "
+            f"(got {splits.tolist()})"
+        )
+    if splits[-1] <= camera.near:
+        raise ValueError(f"splits must end beyond the camera's near (got {splits.tolist()})")
+    return splits
+
+
+def _exported(name, engine, at):
+    """Ask every row."""
+    settings, rounded, lines = {}, {}, {}
+    for row in engine.settings:
+        value = row.value(at)
+        if value is None:
+            continue
+        if isinstance(value, Near):
+            about = value.of or row.of[0]
+            notes = rounded.setdefault(about, [])
+            if value.note not in notes:
+                notes.append(value.note)
+            value = value.value
+        settings[row.name] = Quantity(value, row.unit, row.of, row.page)
+        line = row.code.replace("$", _literal(value, engine))
+        lines.setdefault(row.place, []).append(line)
+    rounded = {about: "; ".join(notes) for about, notes in rounded.items()}
+    built_in, missing = _without_setting(engine, at, settings)
+    exported = Exported(name, engine.title, settings, rounded, built_in, missing, "")
+    object.__setattr__(exported, "text", _snippet(engine, exported, lines))
+    return exported
+
+
+def _without_setting(engine, at, settings):
+    """What is done in one way only, and what has no counterpart; by our names."""
+    told = {name for one in settings.values() for name in one.of}
+    built_in, missing = {}, {}
+    for row in engine.fixed:
+        if at.ours == 1 and at.count == 1 and row.of in OF_SEVERAL:
+            built_in[row.of] = "one cascade: nothing to choose"
+        elif getattr(at.settings, row.of) in row.same:
+            built_in[row.of] = row.text
+        else:
+            missing[row.of] = f"{getattr(at.settings, row.of)}: {row.text}"
+    names = [row.effect for row in TABLE]
+    names += [n for n, usual in ALL_OF_THEM.items() if getattr(at.settings, n) != usual]
+    for name in dict.fromkeys(names):
+        if name in told or name in built_in or name in missing:
+            continue
+        if at.ours == 1 and name in OF_SEVERAL:
+            built_in[name] = "one cascade: nothing to choose"
+        else:
+            missing[name] = f"{getattr(at.settings, name)}: no setting for it"
+    return built_in, missing
+
+
+def _literal(value, engine):
+    """Write a value as the engine's language has it."""
+    if isinstance(value, bool):
+        return engine.true if value else engine.false
+    if isinstance(value, list):
+        left, right = engine.brackets
+        return f"{left}{', '.join(_literal(one, engine) for one in value)}{right}"
+    if isinstance(value, float):
+        text = repr(float(f"{value:.9g}"))  # the digits of a float32
+        return f"{text}{engine.suffix}"
+    return str(value)
+
+
+def _snippet(engine, exported, lines):
+    """Text to paste: comments, then the template with its lines."""
+    about = [f"{exported.title}, from csm"]
+    for head, told in (("rounded", exported.rounded), ("no counterpart", exported.missing)):
+        about += [f"{head}: {name}: {text}" for name, text in told.items()]
+    made = [f"{engine.comment} {one}" for one in about]
+    for line in engine.template.splitlines():
+        stripped = line.lstrip()
+        if stripped.startswith("@"):
+            indent = line[: len(line) - len(stripped)]
+            made += [f"{indent}{one}" for one in lines.get(int(stripped[1:]), [])]
+        else:
+            made.append(line)
+    return "\n".join(made) + "\n"
+
+
+def _columns(rows, indent=""):
+    width = max((len(name) for name, _ in rows), default=0)
+    return [f"{indent}{name:{width}}  {text}" for name, text in rows]
