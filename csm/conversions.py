@@ -117,11 +117,13 @@ def scheme_of(splits):
     """
     splits = np.asarray(splits, np.float64)
     uniform, logarithmic = _schemes(splits)
-    made = {
-        "practical": 0.5 * (uniform + logarithmic),
-        "uniform": uniform,
-        "logarithmic": logarithmic,
-    }
+    made = {"uniform": uniform}
+    if splits[0] > 0.0:
+        made = {
+            "practical": 0.5 * (uniform + logarithmic),
+            "uniform": uniform,
+            "logarithmic": logarithmic,
+        }
     for name, other in made.items():
         if np.allclose(splits, other, rtol=SAME, atol=0.0):
             return name

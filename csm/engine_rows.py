@@ -74,14 +74,15 @@ class Fixed:
     ----------
     of : str
         The setting of ours.
-    same : tuple
-        Values of ours that are the same; all others have no counterpart.
+    same : tuple or callable
+        Values of ours that are the same, or what gives them of a Situation; all others have no
+        counterpart.
     text : str
         What the engine does.
     """
 
     of: str
-    same: tuple
+    same: tuple | Callable
     text: str
 
 
@@ -135,6 +136,7 @@ class Engine:
 
 
 def cascade_count(at):
+    """Cascades there."""
     if at.count == at.ours:
         return at.count
     text = f"{at.ours} cascades become {at.count}"
@@ -152,6 +154,7 @@ def map_size(at, scale=1):
 
 
 def shadow_distance(at):
+    """End of the shadow range [m]."""
     return at.far
 
 
@@ -164,6 +167,7 @@ def begins_late(at):
 
 
 def with_begin(at, value):
+    """Value that is about splits, with a note where the first cascade begins too early."""
     note = begins_late(at)
     return value if note is None else Near(value, note)
 
@@ -183,10 +187,12 @@ def split_note(at, made, what):
 
 
 def is_soft(at):
+    """Whether penumbrae of the sun's disc are wanted."""
     return at.settings.filter == "pcss"
 
 
 def is_hard(at):
+    """Whether nothing is filtered."""
     return at.settings.filter in ("hard", "none")
 
 
@@ -203,10 +209,12 @@ def fade_start(at):
 
 
 def fade_share(at):
+    """Share of the shadow distance, from its end, over which shadows fade."""
     return 1.0 - fade_start(at) / at.far
 
 
 def faces(at):
+    """Which sides of triangles cast."""
     return at.settings.caster_faces
 
 
@@ -223,15 +231,25 @@ def blend_share(at, most=1.0):
 
 
 def sun_disc(at):
+    """Width of the sun's disc [degrees], 0 where no penumbra is wanted."""
     return at.sun.angular_diameter_deg if is_soft(at) else 0.0
 
 
 def not_theirs(at, name):
+    """Say that a filter of ours becomes another."""
     return f"{at.settings.filter} becomes {name}"
 
 
 def in_metres(texels, at):
+    """Texels of each of the engine's cascades as metres."""
     return [float(one) for one in texels * at.texels]
+
+
+def stabilised(at):
+    """Whether windows move by whole texels."""
+    if at.settings.snap != "approximate":
+        return at.settings.snap == "exact"
+    return Near(True, "approximate becomes windows of fixed size", "snap")
 
 
 INTERVAL = Fixed("select", ("interval",), "a cascade answers for its own view depths")
@@ -245,6 +263,7 @@ SNAPPED = Fixed("snap", ("exact",), "windows of fixed size move by whole texels"
 
 
 def clamped(value, low, high, what, of):
+    """Value held to a range, with a note if it had to be."""
     kept = min(max(value, low), high)
     if kept == value:
         return value
@@ -257,4 +276,5 @@ def with_constant(at, texels):
 
 
 def sphere(at):
+    """Windows are the sphere round the slice."""
     return "sphere"

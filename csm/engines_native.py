@@ -33,6 +33,7 @@ from .engine_rows import (
     shadow_distance,
     sphere,
     split_note,
+    stabilised,
     sun_disc,
     with_begin,
     with_constant,
@@ -101,7 +102,7 @@ def _unreal_slope(at):
 
 UNREAL = Engine(
     title="Unreal Engine, DirectionalLightComponent (cascaded maps, not virtual ones)",
-    counts=(1, 2, 3, 4, 5, 6, 7, 8),
+    counts=tuple(range(1, 11)),
     map_size=lambda size: size,
     fit=sphere,
     kernel=_unreal_kernel,
@@ -247,7 +248,7 @@ FILAMENT = Engine(
                 "options.shadowFar = $;"),
         Setting(
             "ShadowOptions::stable", ("snap",), "", FILAMENT_LIGHT,
-            lambda at: at.settings.snap != "none", "options.stable = $;",
+            stabilised, "options.stable = $;",
         ),
         Setting(
             "ShadowOptions::lispsm", ("warp",), "", FILAMENT_LIGHT,

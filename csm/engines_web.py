@@ -39,6 +39,7 @@ from .engine_rows import (
     quality,
     shadow_distance,
     split_note,
+    stabilised,
     with_begin,
 )
 
@@ -219,6 +220,12 @@ def _babylon_lambda(at):
     return lam if note is None else Near(lam, note, "split")
 
 
+def _babylon_stable(at):
+    if at.settings.snap != "none" and _babylon_bounds(at):
+        return Near(False, "off: bounds that change every frame leave nothing to stabilise")
+    return stabilised(at)
+
+
 def _babylon_kernel(at):
     return 1 if is_hard(at) else quality(at, BABYLON_SIDES, BABYLON_SIDES)[1]
 
@@ -295,11 +302,7 @@ BABYLON = Engine(
                 _babylon_bounds, "generator.autoCalcDepthBounds = $;"),
         Setting(
             "CascadedShadowGenerator.stabilizeCascades", ("snap",), "", BABYLON_CSM,
-            lambda at: at.settings.snap != "none" and (
-                True if not _babylon_bounds(at) else Near(
-                    False, "off: bounds that change every frame leave nothing to stabilise"
-                )
-            ),
+            _babylon_stable,
             "generator.stabilizeCascades = $;",
         ),
         Setting("CascadedShadowGenerator.cascadeBlendPercentage", BLEND, "0 to 1", BABYLON_CSM,
@@ -330,7 +333,7 @@ BABYLON = Engine(
     ),
     fixed=(
         INTERVAL, NEVER_TURNED, ORTHONORMAL, NO_WARP, NO_FADE,
-        Fixed("fit", ("box", "sphere"), "the slice's box, or its sphere when stabilised"),
+        Fixed("fit", lambda at: (at.fit,), "the slice's box, or its sphere when stabilised"),
         Fixed("cull", ("none",), "every caster is drawn into every cascade"),
         Fixed("storage", ("array",), "layers of one array"),
         Fixed("depth_format", (), "the generator chooses the format of its maps"),

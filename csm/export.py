@@ -179,11 +179,16 @@ class Situation:
             manual_splits=inner,
             max_distance=self.far,
             view_range="camera",
-            fit=self._engine.fit(self),
+            fit=self.fit,
             depth_format=depth_format,
             depth_range=depth_range,
         )
         return fit_cascades(self.camera, self.sun, settings, scene=self._scene)
+
+    @property
+    def fit(self):
+        """Which of our fits the engine's windows are like."""
+        return self._engine.fit(self)
 
     @property
     def texels(self):
@@ -277,7 +282,8 @@ def export_settings(settings, engine, *, camera, sun, scene=None, splits=None):
     Raises
     ------
     TypeError, ValueError
-        If an argument is of the wrong kind, there is no such engine, or splits are needed.
+        If an argument is of the wrong kind, there is no such engine, splits are needed, or the
+        camera's near is not positive.
 
     Examples
     --------
@@ -288,6 +294,11 @@ def export_settings(settings, engine, *, camera, sun, scene=None, splits=None):
     4
     """
     check_kinds(settings=settings, camera=camera, sun=sun)
+    if camera.near <= 0.0:
+        raise ValueError(
+            "camera must have near > 0, where the shadow ranges of engines begin "
+            f"(got near {camera.near:g})"
+        )
     if engine not in ENGINES:
         raise ValueError(f"engine must be one of {', '.join(ENGINES)} (got {engine!r})")
     canonical = settings.canonical()
@@ -348,7 +359,7 @@ def _without_setting(engine, at, settings):
     for row in engine.fixed:
         if at.ours == 1 and at.count == 1 and row.of in OF_SEVERAL:
             built_in[row.of] = "one cascade: nothing to choose"
-        elif getattr(at.settings, row.of) in row.same:
+        elif getattr(at.settings, row.of) in (row.same(at) if callable(row.same) else row.same):
             built_in[row.of] = row.text
         else:
             missing[row.of] = f"{getattr(at.settings, row.of)}: {row.text}"
