@@ -17,7 +17,7 @@ __all__ = [
 
 SAME = 1e-6  # relative difference of split distances that are one
 EXPONENTS = (0.1, 1e3)  # that a distribution is looked for in
-GRID = 400  # places at which a maximum or minimum is looked for before it is refined
+GRID = 100  # places at which a maximum or minimum is looked for before it is refined
 STEEPEST_DEG = 89.9
 
 
@@ -186,12 +186,17 @@ def fit_exponent(splits):
 def _least(function, low, high):
     """Where a function of one valley is least: golden sections."""
     shrink = (math.sqrt(5.0) - 1.0) / 2.0
-    for _ in range(80):
-        a, b = high - shrink * (high - low), low + shrink * (high - low)
-        if function(a) <= function(b):
-            high = b
+    a, b = high - shrink * (high - low), low + shrink * (high - low)
+    at_a, at_b = function(a), function(b)
+    for _ in range(60):
+        if at_a <= at_b:
+            high, b, at_b = b, a, at_a
+            a = high - shrink * (high - low)
+            at_a = function(a)
         else:
-            low = a
+            low, a, at_a = a, b, at_b
+            b = low + shrink * (high - low)
+            at_b = function(b)
     return 0.5 * (low + high)
 
 

@@ -83,8 +83,9 @@ def _unreal_kernel(at):
 
 
 def _unreal_wanted(at):
-    """Texels of the constant part; the slope adds three times ShadowSlopeBias of them."""
-    return max(at.normal_texels / UNREAL_SLOPE, with_constant(at, 0.0))
+    """Texels of the constant part; a slope of 1, the most there is, adds up to thrice as many."""
+    constant = with_constant(at, 0.0)
+    return max(constant, (constant + at.normal_texels) / (1.0 + UNREAL_SLOPE))
 
 
 def _unreal_bias(at):
@@ -93,8 +94,8 @@ def _unreal_bias(at):
 
 def _unreal_slope(at):
     constant = min(_unreal_wanted(at), UNREAL_TEXELS)
-    value = at.normal_texels / (UNREAL_SLOPE * constant) if constant > 0.0 else 0.0
-    kept = min(value, 1.0)
+    missing = with_constant(at, at.normal_texels) - constant
+    kept = min(missing / (UNREAL_SLOPE * constant), 1.0) if constant > 0.0 else 0.0
     if not at.normal_texels:
         return kept
     return Near(kept, "planes steeper than 45 degrees get the bias of 45", "bias")

@@ -9,6 +9,7 @@ import numpy as np
 import pytest
 from any_settings import any_settings
 from hypothesis import given
+from hypothesis import settings as hypothesis_settings
 from hypothesis import strategies as st
 
 import csm
@@ -18,7 +19,7 @@ from csm.recommendation import Reasons
 from csm.records import load_settings
 
 SIZE = (160, 90)
-SUN = csm.Sun((0.3, 1.0, 0.2), 0.53)  # whose unit vector, divided by its length, moves a bit
+SUN = csm.Sun((0.3, 1.0, 0.25), 0.53)  # whose unit vector, divided by its length, moves a bit
 FORMS = [("to_json", "from_json"), ("to_toml", "from_toml")]
 forms = pytest.mark.parametrize(("write", "read"), FORMS, ids=["json", "toml"])
 
@@ -63,6 +64,7 @@ def found(kept, renderer, box):
 
 
 @forms
+@hypothesis_settings(max_examples=60, deadline=None)
 @given(settings=any_settings, lam=st.floats(0, 1), slope=st.floats(-1e6, 1e6))
 def test_settings_come_back_bit_for_bit(write, read, settings, lam, slope):
     splits = tuple(lam + 0.1 * (k + 1) for k in range(settings.cascade_count - 1))
@@ -163,6 +165,7 @@ values = st.recursive(
 )
 
 
+@hypothesis_settings(max_examples=60, deadline=None)
 @given(table=st.dictionaries(texts, values, max_size=4))
 def test_toml_and_json_say_any_plain_table(table):
     assert bits(tomllib.loads(write_toml(table))) == bits(table)
