@@ -59,6 +59,17 @@ picture(axes[0], frame.mask, f"recommended: {error:.2%} wrong")
 picture(axes[1], truth.mask, "ray-traced")
 
 # %% [markdown]
+# ## Take it home
+#
+# The nearest settings of an engine, with what is rounded and what has no counterpart there. The
+# text ends in a snippet to paste.
+
+# %%
+exported = found.export("godot")
+print(exported)
+print(exported.text.splitlines()[-1])
+
+# %% [markdown]
 # ## What was measured
 #
 # Receivers by depth decide the cascades. The length of shadow edges in the picture decides how fine

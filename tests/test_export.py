@@ -3,7 +3,9 @@
 import itertools
 import math
 import re
+import runpy
 from dataclasses import fields
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -28,6 +30,7 @@ from csm.conversions import (
 from csm.decisions import TABLE
 from csm.export import ENGINES
 
+ROOT = Path(__file__).resolve().parents[1]
 CAMERA = csm.Camera.look_at((6, 4.5, 8), (-0.5, 0.6, 0), fov_y_deg=45, far=100, size=(320, 180))
 SUN = csm.Sun((0.5, 1.0, 0.3), 0.53)
 FIELDS = {field.name for field in fields(csm.ShadowSettings)}
@@ -557,6 +560,11 @@ def test_table_of_an_engine(engine):
     for one in row.fixed:
         assert one.of in FIELDS
         assert one.text
+
+
+def test_page_is_what_its_script_writes():
+    write = runpy.run_path(str(ROOT / "scripts/export_page.py"))
+    assert write["PAGE"].read_text() == write["page"](), "run: python -m scripts.export_page"
 
 
 @engines

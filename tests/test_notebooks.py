@@ -290,3 +290,4 @@ def test_recommendation_notebook_shows_what_it_says(outcome):
     assert all(one.expected_error <= g for one, g in zip(variables["answers"], goals, strict=True))
     assert all(np.array(variables["measured"]) < 2.5 * np.array(goals))
     assert variables["proof"].confirmed_share >= 0.75
+    assert variables["exported"].engine == "godot"
