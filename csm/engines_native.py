@@ -30,7 +30,6 @@ from .engine_rows import (
     map_size,
     not_theirs,
     quality,
-    shadow_distance,
     sphere,
     split_note,
     stabilised,
@@ -203,6 +202,21 @@ def _filament_type(at):
     return Near("filament::ShadowType::PCF", note)
 
 
+def _filament_positions(at):
+    """Shares of the camera's own range, of which shadowFar only cuts off the end."""
+    if at.count == 1:
+        return None
+    last = max(at.camera.far, at.far)
+    return with_begin(at, shares([*at.splits[:-1], last], from_near=True))
+
+
+def _filament_far(at):
+    if at.count == 1 or at.camera.far <= at.far * (1.0 + 1e-6):
+        return at.far
+    note = f"the last cascade reaches to the camera's far, {at.camera.far:.4g} m: bring that nearer"
+    return Near(at.far, note, "max_distance")
+
+
 def _filament_blur(at):
     return None if at.settings.filter not in VARIANCE else float(at.settings.filter_size - 1)
 
@@ -240,12 +254,12 @@ FILAMENT = Engine(
                 cascade_count, "options.shadowCascades = $;"),
         Setting(
             "ShadowOptions::cascadeSplitPositions", SPLITS,
-            "shares of the way from near to far", FILAMENT_LIGHT,
-            lambda at: with_begin(at, shares(at.splits, from_near=True)) if at.count > 1 else None,
+            "shares of the way from the camera's near to its far", FILAMENT_LIGHT,
+            _filament_positions,
             "{ const float positions[] = $; std::copy(std::begin(positions), std::end(positions), "
             "options.cascadeSplitPositions); }",
         ),
-        Setting("ShadowOptions::shadowFar", RANGE, "m", FILAMENT_LIGHT, shadow_distance,
+        Setting("ShadowOptions::shadowFar", RANGE, "m", FILAMENT_LIGHT, _filament_far,
                 "options.shadowFar = $;"),
         Setting(
             "ShadowOptions::stable", ("snap",), "", FILAMENT_LIGHT,

@@ -154,7 +154,7 @@ THREE = Engine(
             "CSM.fade", BLEND, "", CSM_PAGE,
             lambda at: at.settings.blend != "none" and Near(
                 True, f"{at.settings.blend} over {at.settings.blend_width:g} becomes the addon's "
-                "own width"
+                "own width, and shadows fade out at maxFar, too"
             ),
             "csm.fade = $;", 2,
         ),
@@ -178,7 +178,9 @@ THREE = Engine(
         ),
     ),
     fixed=(
-        INTERVAL, NEVER_TURNED, ORTHONORMAL, NO_WARP, CULLED, SNAPPED, NO_FADE,
+        INTERVAL, NEVER_TURNED, ORTHONORMAL, NO_WARP, CULLED, SNAPPED,
+        Fixed("fade_width", lambda at: (0.0,) if at.settings.blend == "none" else (),
+              "shadows end at maxFar at once, or as CSM.fade has it"),
         Fixed("fit", ("diameter",), "a square as wide as the slice's longest diagonal"),
         Fixed("storage", ("separate",), "a light and a map for each cascade"),
         Fixed("depth_format", (), "the renderer chooses the format of its maps"),

@@ -175,9 +175,9 @@ def unity_splits(v):
 
 
 def filament_splits(v):
-    far = v["ShadowOptions::shadowFar"]
+    # ShadowMapManager.cpp: near + (far - near) * position, both of the camera
     inner = v.get("ShadowOptions::cascadeSplitPositions", [])
-    return [CAMERA.near + one * (far - CAMERA.near) for one in inner]
+    return [CAMERA.near + one * (CAMERA.far - CAMERA.near) for one in inner]
 
 
 def three_splits(v):
@@ -308,6 +308,15 @@ def test_maps_are_as_large_as_ours_or_the_next_size_there_is(engine, size, count
         assert math.log2(texture) % 1.0 == 0.0
     if side != size:
         assert f"{size} become {side:.0f} texels" in found.rounded["map_size"]
+
+
+def test_last_cascade_of_filament_ends_with_the_camera():
+    found = exported("filament", splits=[0.1, 2.0, 9.0])
+    assert values(found)["ShadowOptions::shadowFar"] == 9.0
+    assert "the camera's far, 100 m" in found.rounded["max_distance"]
+    near = exported("filament", splits=[0.1, 2.0, 9.0], camera=CAMERA.replace(far=9.0))
+    assert "max_distance" not in near.rounded
+    assert values(near)["ShadowOptions::cascadeSplitPositions"] == pytest.approx([1.9 / 8.9])
 
 
 def test_unity_has_no_larger_texture():
