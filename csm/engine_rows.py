@@ -50,7 +50,8 @@ class Setting:
     page : str
         Where it is documented.
     value : callable
-        Of a `csm.export.Situation`: the value, `Near` it, or None where it is not written.
+        Of a `csm.engine_situation.Situation`: the value, `Near` it, or None where there is none
+        to write.
     code : str
         A line of the snippet, ``$`` being the value.
     place : int

@@ -1,22 +1,20 @@
 """The nearest settings of other engines, and what has no counterpart there."""
 
 from dataclasses import dataclass, field, fields
-from functools import cached_property
 
 import numpy as np
 
-from . import _core
-from .cascades import bias_metres, check_kinds, fit_cascades
-from .conversions import resampled
+from .cascades import check_kinds, fit_cascades
 from .decisions import TABLE
 from .engine_rows import BLEND, SPLITS, Near
+from .engine_situation import Situation
 from .engines_desktop import GODOT, UNITY
 from .engines_native import FILAMENT, UNREAL
 from .engines_web import BABYLON, THREE
 from .formats import write_file
-from .settings import ShadowSettings, map_sizes
+from .settings import ShadowSettings
 
-__all__ = ["ENGINES", "Exported", "Quantity", "Situation", "export_settings"]
+__all__ = ["ENGINES", "Exported", "Quantity", "export_settings"]
 
 #: The engines by name.
 ENGINES = {
@@ -82,6 +80,8 @@ class Exported:
         By our names: what the engine does in this one way, without a setting.
     missing : dict of str to str
         By our names: what has no counterpart, and what the engine does instead.
+    texels : tuple of float
+        Longer side of a texel of each of the engine's cascades [m], of windows as it fits them.
     text : str
         To be pasted; what is rounded and missing stands in it as comments.
     """
@@ -92,11 +92,14 @@ class Exported:
     rounded: dict
     built_in: dict
     missing: dict
+    texels: tuple[float, ...]
     text: str = field(repr=False)
 
     def __str__(self):
         lines = [self.title, ""]
         lines += _columns([(name, str(one)) for name, one in self.settings.items()])
+        if self.texels:
+            lines += ["", f"texels there: {_metres(self.texels)}"]
         for head, told in (
             ("rounded", self.rounded),
             ("done so without a setting", self.built_in),
@@ -129,133 +132,7 @@ class Exported:
         write_file(path, self.text)
 
 
-class Situation:
-    """What the rows of an engine are asked about: our settings, in the engine's own windows.
-
-    Attributes
-    ----------
-    settings : ShadowSettings
-        Ours, in canonical form.
-    camera : Camera
-    sun : Sun
-    ours, count : int
-        Cascades here and there.
-    splits : (count + 1,) float64
-        View depths [m] of the engine's cascades; the first begins at the camera's near.
-    near, begin, far : float
-        The camera's near, where our first cascade begins, and the end of the range [m].
-    our_size, size : int
-        Texels along our largest map, and along a cascade's there.
-    sizes_differ : bool
-        Whether our maps differ.
-    dark : bool
-        No shadows at all.
-    """
-
-    def __init__(self, engine, settings, camera, sun, scene, splits):
-        self.settings, self.camera, self.sun, self._scene = settings, camera, sun, scene
-        self._engine = engine
-        self.dark = settings.filter == "none"
-        self.ours = len(splits) - 1
-        self.count = min(engine.counts, key=lambda n: (n < self.ours, abs(n - self.ours)))
-        if self.ours > max(engine.counts):
-            self.count = max(engine.counts)
-        sizes = map_sizes(settings)
-        self.our_size, self.sizes_differ = max(sizes), len(set(sizes)) > 1
-        self.size = engine.map_size(self.our_size)
-        self.near, self.begin, self.far = camera.near, float(splits[0]), float(splits[-1])
-        made = resampled(splits, self.count)
-        self.splits = np.concatenate([[min(self.near, made[0])], made[1:]])
-
-    @cached_property
-    def _cascades(self):
-        """Windows like the engine's."""
-        inner = tuple(float(one) for one in self.splits[1:-1])
-        depth_format, depth_range = self._engine.depth(self)
-        settings = ShadowSettings(
-            cascade_count=self.count,
-            map_size=self.size,
-            split="manual",
-            manual_splits=inner,
-            max_distance=self.far,
-            view_range="camera",
-            fit=self.fit,
-            depth_format=depth_format,
-            depth_range=depth_range,
-        )
-        return fit_cascades(self.camera, self.sun, settings, scene=self._scene)
-
-    @property
-    def fit(self):
-        """Which of our fits the engine's windows are like."""
-        return self._engine.fit(self)
-
-    @property
-    def texels(self):
-        """Longer side of a texel of each of the engine's cascades (count,) [m]."""
-        return self._cascades.texel_size.max(axis=1)
-
-    @cached_property
-    def diameters(self):
-        """Longest diagonal of each slice (count,) [m]."""
-        longest = []
-        for near, far in zip(self.splits, self.splits[1:], strict=False):
-            corners = _core.frustum_corners(self.camera, float(near), float(far))
-            across = corners[:, None] - corners[None]
-            longest.append(float(np.sqrt((across**2).sum(axis=-1)).max()))
-        return np.array(longest)
-
-    @property
-    def caster_span(self):
-        """Length of the scene along the light [m]; without one, of the longest slice."""
-        if self._scene is None:
-            return float(self.diameters.max())
-        low, high = np.asarray(self._scene.bounds)
-        return float(np.abs(self.sun.to_light) @ (high - low))
-
-    @cached_property
-    def _bias(self):
-        """Constant part (count,) [m], and texels of bias per tangent of a plane's angle."""
-        if self.dark:
-            return np.zeros(self.count), 0.0
-        kernel = self._engine.kernel(self)
-        probe = ShadowSettings(
-            filter="hard" if kernel == 1 else "pcf",
-            filter_size=3 if kernel == 1 else kernel,
-            bias=self.settings.bias,
-            depth_format=self._engine.depth(self)[0],
-        )
-        by_plane = bias_metres(self._cascades, probe.replace(bias="manual"))
-        if self.settings.bias == "auto":
-            constant = [one["constant_m"] for one in bias_metres(self._cascades, probe)]
-            slope, normal = by_plane[0]["needed_slope_m"], 0.0
-        else:
-            ours = bias_metres(self._cascades, self._manual(probe))
-            constant = [one["constant_m"] for one in ours]
-            slope, normal = ours[0]["slope_m"], ours[0]["normal_offset_m"]
-            if self.settings.receiver_plane:  # which no engine has: the plane's reach instead
-                slope += by_plane[0]["needed_slope_m"]
-        texel = float(self.texels[0])
-        # |gx| + |gy| is at most sqrt(2) times the tangent; an offset along the normal by sin t
-        # texels is worth tan t along the light
-        return np.array(constant), (np.sqrt(2.0) * slope + normal) / texel
-
-    def _manual(self, probe):
-        names = ("constant_bias_texels", "slope_bias", "normal_offset_texels", "bias_side")
-        return probe.replace(**{name: getattr(self.settings, name) for name in names})
-
-    @property
-    def constant_m(self):
-        """Bias along the light that does not depend on slopes (count,) [m]."""
-        return self._bias[0]
-
-    @property
-    def normal_texels(self):
-        """Bias of a plane at the angle t to the light [texels] over tan t."""
-        return float(self._bias[1])
-
-
-def export_settings(settings, engine, *, camera, sun, scene=None, splits=None):
+def export_settings(settings, engine, *, camera, sun, scene=None, splits=None, texels=None):
     """Nearest settings of an engine, and what has no counterpart there.
 
     Distances become shares of the engine's range, sizes what its maps can have, and biases what
@@ -274,6 +151,9 @@ def export_settings(settings, engine, *, camera, sun, scene=None, splits=None):
     splits : (n + 1,) array_like, optional
         View depths [m] of the cascades, as in `Cascades.splits` of a frame: needed for splits that
         are fitted to what is seen.
+    texels : (n,) array_like, optional
+        Longer side of a texel of each cascade [m], as in ``Cascades.texel_size.max(axis=1)``: to
+        tell how much coarser or finer the engine's windows are.
 
     Returns
     -------
@@ -303,8 +183,20 @@ def export_settings(settings, engine, *, camera, sun, scene=None, splits=None):
         raise ValueError(f"engine must be one of {', '.join(ENGINES)} (got {engine!r})")
     canonical = settings.canonical()
     splits = _splits(canonical, camera, sun, scene, splits)
+    texels = _texels(texels, len(splits) - 1)
     row = ENGINES[engine]
-    return _exported(engine, row, Situation(row, canonical, camera, sun, scene, splits))
+    return _exported(engine, row, Situation(row, canonical, camera, sun, scene, splits, texels))
+
+
+def _texels(texels, count):
+    if texels is None:
+        return ()
+    given = np.asarray(texels, np.float64)
+    if given.shape != (count,) or not (np.isfinite(given) & (given >= 0.0)).all():
+        raise ValueError(
+            f"texels must be {count} lengths [m], one a cascade (got {given.tolist()})"
+        )
+    return tuple(given.tolist())
 
 
 def _splits(settings, camera, sun, scene, splits):
@@ -347,7 +239,8 @@ def _exported(name, engine, at):
         lines.setdefault(row.place, []).append(line)
     rounded = {about: "; ".join(notes) for about, notes in rounded.items()}
     built_in, missing = _without_setting(engine, at, settings)
-    exported = Exported(name, engine.title, settings, rounded, built_in, missing, "")
+    texels = () if at.dark else tuple(at.texels.tolist())
+    exported = Exported(name, engine.title, settings, rounded, built_in, missing, texels, "")
     object.__setattr__(exported, "text", _snippet(engine, exported, lines))
     return exported
 
@@ -363,6 +256,9 @@ def _without_setting(engine, at, settings):
             built_in[row.of] = row.text
         else:
             missing[row.of] = f"{getattr(at.settings, row.of)}: {row.text}"
+            if row.of == "fit" and at.our_texels and not at.dark:
+                there, here = _metres(at.texels), _metres(at.our_texels)
+                missing["fit"] += f"; texels of {there} instead of {here}"
     names = [row.effect for row in TABLE]
     names += [n for n, usual in ALL_OF_THEM.items() if getattr(at.settings, n) != usual]
     for name in dict.fromkeys(names):
@@ -402,6 +298,10 @@ def _snippet(engine, exported, lines):
         else:
             made.append(line)
     return "\n".join(made) + "\n"
+
+
+def _metres(lengths):
+    return f"{', '.join(f'{one:.3g}' for one in lengths)} m"
 
 
 def _columns(rows, indent=""):

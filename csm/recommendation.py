@@ -98,6 +98,8 @@ class Recommendation(Recorded):
         Which effect stands in the way if not.
     splits : tuple of float
         View depths [m] between which the first view's cascades lie, fitted to what was seen.
+    texels : tuple of float
+        Longer side of a texel of each of them [m].
     scene : Scene or None
         None when it was read from a file: `with_scene` gives it back.
     path : (tuple of Camera, tuple of Sun)
@@ -113,6 +115,7 @@ class Recommendation(Recorded):
     met: bool
     obstacle: str | None
     splits: tuple[float, ...]
+    texels: tuple[float, ...]
     scene: Scene | None = field(repr=False)
     path: tuple = field(repr=False)
     scene_mark: dict | None = field(default=None, repr=False)
@@ -207,6 +210,7 @@ class Recommendation(Recorded):
             sun=sun,
             scene=SimpleNamespace(bounds=bounds),
             splits=self.splits,
+            texels=self.texels,
         )
 
     @classmethod
@@ -496,6 +500,7 @@ def _report(search, chosen, model, scene, path, goal):
         met=obstacle is None,
         obstacle=obstacle,
         splits=tuple(fitted.splits.tolist()),
+        texels=tuple(fitted.texel_size.max(axis=1).tolist()),
         scene=scene,
         path=path,
     )

@@ -23,7 +23,8 @@ FORMAT = "csm recommendation 1"
 UNIT = 1e-15  # how far from 1 the length of a unit vector may be, written by us
 
 KEYS = (
-    *("format", "expected_error", "expected_ms", "map_bytes", "met", "obstacle", "splits"),
+    *("format", "expected_error", "expected_ms", "map_bytes", "met", "obstacle"),
+    *("splits", "texels"),
     *("settings", "goal", "signals", "scene", "path", "reasons"),
 )
 OPTIONAL = ("obstacle",)  # None, which TOML leaves out
@@ -62,6 +63,7 @@ def plain_values(recommendation):
         "reasons": reasons,
         "signals": _plain(recommendation.signals.to_dict()),
         "splits": list(recommendation.splits),
+        "texels": list(recommendation.texels),
         "expected_error": recommendation.expected_error,
         "expected_ms": recommendation.expected_ms,
         "map_bytes": recommendation.map_bytes,
@@ -129,7 +131,10 @@ def read_values(values):
             for number, one in enumerate(_list("reasons", values["reasons"]))
         ],
         "signals": _within("signals", _signals, values["signals"]),
-        "splits": tuple(_number("splits", s) for s in _list("splits", values["splits"])),
+        **{
+            name: tuple(_number(name, one) for one in _list(name, values[name]))
+            for name in ("splits", "texels")
+        },
         "expected_error": _number("expected_error", values["expected_error"]),
         "expected_ms": _number("expected_ms", values["expected_ms"]),
         "map_bytes": _exactly("map_bytes", values["map_bytes"], int),

@@ -431,6 +431,13 @@ def test_bias_by_hand_goes_over_as_it_is(engine):
 
 
 @engines
+def test_texels_are_those_of_windows_like_the_engines(engine):
+    found = exported(engine, cascade_count=COUNT, map_size=SIDE, view_range="camera")
+    assert found.texels == pytest.approx(tuple(texel_sides(engine)))
+    assert f"texels there: {found.texels[0]:.3g}, " in str(found)
+
+
+@engines
 def test_no_bias_stays_none(engine):
     found = values(exported(engine, bias="manual", caster_faces="back"))
     biases = [v for name, v in found.items()
@@ -612,6 +619,8 @@ def test_wrong_arguments_are_named():
         csm.export_settings({}, "unity", **good)
     with pytest.raises(ValueError, match=r"split='sdsm' is fitted .* give splits="):
         csm.export_settings(settings.replace(split="sdsm"), "unity", **good)
+    with pytest.raises(ValueError, match="texels must be 4 lengths"):
+        csm.export_settings(settings, "unity", texels=[0.1], **good)
     with pytest.raises(ValueError, match="splits must be 5 ascending view depths"):
         csm.export_settings(settings, "unity", splits=[0.1, 3.0, 2.0, 4.0, 5.0], **good)
     flat = CAMERA.replace(orthographic=True, near=-1.0)
@@ -625,8 +634,16 @@ def test_wrong_arguments_are_named():
 def test_recommendation_is_exported_with_what_was_seen_and_so_it_is_from_a_file(renderer, box):
     found = csm.recommend(box, CAMERA, SUN, max_error=0.002, renderer=renderer)
     again = csm.Recommendation.from_json(found.to_json())
+    assert found.settings.fit == "visible"
+    ours = csm.fit_cascades(
+        CAMERA, SUN, found.settings, scene=box, receivers=found.signals.views[0].receivers
+    )
+    assert found.splits == tuple(ours.splits)
+    assert found.texels == tuple(ours.texel_size.max(axis=1))
     for engine in ENGINES:
         one = found.export(engine)
+        here, there = (", ".join(f"{t:.3g}" for t in sides) for sides in (found.texels, one.texels))
+        assert f"texels of {there} m instead of {here} m" in one.missing["fit"]
         assert one.text == again.export(engine).text
         told = {name for q in one.settings.values() for name in q.of}
         told |= one.built_in.keys() | one.missing.keys()
