@@ -63,6 +63,34 @@ class FlickerReport:
         """(m,) mean change of each point, cascades crossed or not; NaN where it never counted."""
         return _column_means(self.changes)
 
+    def as_picture(self, seen):
+        """Flicker map: `per_point` at the pixels that the points were taken from.
+
+        Parameters
+        ----------
+        seen : (h, w) array_like of bool
+            True where the points were taken, row by row: ``truth.position[seen]``.
+
+        Returns
+        -------
+        picture : (h, w) float64
+            NaN elsewhere.
+
+        Raises
+        ------
+        ValueError
+            If it does not hold as many pixels as there are points.
+        """
+        seen, count = np.asarray(seen), len(self.per_point)
+        if seen.dtype != bool or seen.ndim != 2 or np.count_nonzero(seen) != count:
+            raise ValueError(
+                f"seen must be an (h, w) array of bool that is True at {count} pixels "
+                f"(got {seen.dtype}, shape {seen.shape}, {np.count_nonzero(seen)} of them True)"
+            )
+        picture = np.full(seen.shape, np.nan)
+        picture[seen] = self.per_point
+        return picture
+
     @cached_property
     def per_step(self):
         """(n - 1,) mean change from each frame to the next at points that stay in their cascade."""

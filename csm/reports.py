@@ -145,6 +145,11 @@ def _glossary(dataset):
         for cause, meaning in MEANINGS.items()
         if f"error_{cause}" in dataset
     ]
+    if "expected_aliasing" in dataset:
+        lines.append(
+            "<tr><td>expected aliasing</td><td>what theory expects of texels of this size along "
+            "the truth's edges: far above it something else is wrong</td></tr>"
+        )
     if "flicker" in dataset:
         lines.append(
             "<tr><td>flicker</td><td>mean change of the mask at fixed points of the scene from "
@@ -259,9 +264,11 @@ def _table(one, names, error, time, memory):
     causes = [
         str(name)
         for name in one.data_vars
-        if str(name).startswith("error_") and str(name) != "error_total"
+        if (str(name).startswith("error_") and str(name) != "error_total")
+        or str(name) == "expected_aliasing"
     ]
-    head = "".join(f"<th>{html.escape(name[6:].replace('_', ' '))}</th>" for name in causes)
+    words = [name.removeprefix("error_").replace("_", " ") for name in causes]
+    head = "".join(f"<th>{html.escape(word)}</th>" for word in words)
     flicker = "<th>flicker</th>" if "flicker" in one else ""
     rows = []
     for i in np.argsort(np.where(np.isfinite(error), error, np.inf), kind="stable"):

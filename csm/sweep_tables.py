@@ -35,6 +35,13 @@ VALUES = {
     "bytes": (np.float64, "bytes", "textures and buffers of a frame that makes the mask alone"),
     "bytes_maps": (np.float64, "bytes", "of those, shadow maps, moments and what makes them"),
 }
+# What comes with a cause, where that is asked for.
+WITH_CAUSES = {
+    "aliasing": (
+        "expected_aliasing",
+        (np.float64, "1", "aliasing that theory expects of texels of this size"),
+    )
+}
 SPECIAL = {
     "total": "all passes but readback",
     "host": "the call outside of all passes: placing cascades, submitting, Python's own",
@@ -74,7 +81,7 @@ def dataset_of(cases, axes, records, *, causes, attributes):
     for cause in causes:
         text = f"mean absolute error by {cause}, over the judged pixels"
         fill(f"error_{cause}", _error(cause), np.float64, units="1", long_name=text)
-    for name, (dtype, units, text) in VALUES.items():
+    for name, (dtype, units, text) in values_of(causes).items():
         fill(name, _value(name), dtype, units=units, long_name=text)
     for name in passes:
         what = SPECIAL.get(name, f"pass {name}, all cascades")
@@ -94,6 +101,11 @@ def dataset_of(cases, axes, records, *, causes, attributes):
         labels = np.array(axis.labels, object if text else None)
         coordinates[axis.name] = (axis.name, labels)
     return xarray.Dataset(arrays, coordinates, attributes)
+
+
+def values_of(causes):
+    """`VALUES`, and what comes with these causes."""
+    return VALUES | dict(more for cause, more in WITH_CAUSES.items() if cause in causes)
 
 
 def passes_of(records):
@@ -191,7 +203,7 @@ def outcome_of(record, passes, causes):
     """Flat numbers of a record by column, None where there is none."""
     found, ms = record["values"] or {}, record["ms"]
     outcome = {f"error_{cause}": found.get("errors", {}).get(cause) for cause in causes}
-    outcome |= {name: found.get(name) for name in VALUES}
+    outcome |= {name: found.get(name) for name in values_of(causes)}
     for name in passes:
         for place, (ending, _) in enumerate(QUARTILES):
             value = None if ms is None else ms.get(name, (0.0, 0.0, 0.0))[place]

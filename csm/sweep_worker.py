@@ -152,8 +152,12 @@ def _judge(renderer, truth, settings, options):
     renderer.forget()
     frame = renderer.render(truth.scene, truth.camera, truth.sun, settings, outputs=outputs)
     report = compare(frame, truth)
+    expected = {}
+    if "aliasing" in options.causes:
+        expected["expected_aliasing"] = float(report.expected_aliasing)
     return {
         "errors": {cause: float(report.mean[cause]) for cause in options.causes},
+        **expected,
         "disagreement": float(report.disagreement),
         "beyond_range": report.beyond_range,
         "judged_count": report.judged_count,

@@ -19,13 +19,13 @@ from .sweep_points import axes_of, points_of, settings_from_text
 from .sweep_provenance import provenance
 from .sweep_runs import DaskWorkers, PoolWorkers, run_here, run_on
 from .sweep_tables import (
-    VALUES,
     dataset_of,
     outcome_of,
     passes_of,
     read_row,
     read_value,
     rows_of,
+    values_of,
     write_csv,
     write_netcdf,
 )
@@ -105,7 +105,8 @@ def sweep(
     -------
     dataset : xarray.Dataset
         Dimensions ``case`` and one for each axis, in the order given. Variables: ``error_<cause>``
-        (mean absolute), ``disagreement``, ``beyond_range``, ``judged_count``; ``ms_total``, the
+        (mean absolute), with ``aliasing`` also ``expected_aliasing``, theory's;
+        ``disagreement``, ``beyond_range``, ``judged_count``; ``ms_total``, the
         passes without ``readback``, ``ms_<pass>``, the cascades of a pass added up, 0 where
         settings have no such pass, and ``ms_host``, what the call took beside: medians, with
         quartiles in ``…_q1`` and ``…_q3``; ``frames``, how many were timed; ``bytes`` of a frame
@@ -275,7 +276,14 @@ def _check_packages(out, axis_names):
                 f"csm.sweep needs {package}: pip install cascaded-shadow-maps[{extra}]"
             ) from error
     for name in axis_names:
-        if name in VALUES or name in ("status", "message", "key", "frames", "row", "scene"):
+        if name in values_of(CAUSES) or name in (
+            "status",
+            "message",
+            "key",
+            "frames",
+            "row",
+            "scene",
+        ):
             raise ValueError(f"axes: an axis may not be called {name!r}, as a result is")
 
 

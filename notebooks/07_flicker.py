@@ -124,13 +124,6 @@ def error_of(frames):
 
 
 # %%
-def flicker_map(report):
-    """(h, w) mean change of each pixel's point along the path, NaN where there is none."""
-    image = np.full(shown.shape, np.nan)
-    image[shown] = report.per_point
-    return image
-
-
 outputs = ("mask", "valid", "view_depth", "normal")
 view = pictures.lit_picture(renderer.render(scene, camera, sun, base, outputs=outputs))
 free = csm.flicker(frames_of(base.replace(snap="none")), scene=scene)
@@ -139,7 +132,7 @@ _, axes = plt.subplots(1, 3, figsize=(14, 2.9), layout="constrained")
 picture(axes[0], view, "the first picture of the walk")
 for ax, name, report in ((axes[1], "not snapped", free), (axes[2], "exact", exact)):
     title = f"{name}: flicker {report.mean:.3%}"
-    image = picture(ax, flicker_map(report), title, cmap="magma_r", vmin=0, vmax=0.6)
+    image = picture(ax, report.as_picture(shown), title, cmap="magma_r", vmin=0, vmax=0.6)
 axes[0].figure.colorbar(image, ax=axes[2], label="mean change per step")
 print(f"not snapped: {free}\nexact:       {exact}")
 assert exact.mean < STILL * free.mean

@@ -202,3 +202,14 @@ def test_bad_paths_are_refused(surface, frames, scene, words):
 def test_report_is_made_of_arrays():
     report = FlickerReport(np.array([[0.5, np.nan]]), np.array([[False, False]]))
     assert report.mean == 0.5
+
+
+def test_the_flicker_map_has_points_where_they_were_taken():
+    report = FlickerReport(np.array([[0.5, 0.0, 1.0], [0.0, 0.0, 1.0]]), np.zeros((2, 3), bool))
+    seen = np.array([[False, True], [True, False], [False, True]])
+    picture = report.as_picture(seen)
+    np.testing.assert_array_equal(picture, [[np.nan, 0.25], [0.0, np.nan], [np.nan, 1.0]])
+    with pytest.raises(ValueError, match=r"seen .* 3 pixels .*2 of them True"):
+        report.as_picture(seen[:2])
+    with pytest.raises(ValueError, match="seen must be"):
+        report.as_picture(seen.astype(int))

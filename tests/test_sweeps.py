@@ -145,8 +145,22 @@ def test_both_stages_give_the_same_errors(gl):
 def test_causes_are_those_asked_for(gl):
     found = csm.sweep({"box": BOX}, {"map_size": [64]}, causes=["total"], **QUICK)
     assert [name for name in found if name.startswith("error_")] == ["error_total"]
+    assert "expected_aliasing" not in found
     with pytest.raises(ValueError, match=r"causes may name total,.*got 'bad luck'"):
         csm.sweep({"box": BOX}, {"map_size": [64]}, causes=["bad luck"])
+
+
+def test_theory_comes_beside_the_aliasing(gl):
+    found = csm.sweep({"box": BOX}, {"map_size": [64]}, causes=["aliasing"], **QUICK)
+    scene = csm.scenes.plane_and_box()
+    camera, sun = scene.cameras[BOX[1]].replace(size=QUICK["size"]), scene.suns[BOX[2]]
+    settings = csm.ShadowSettings(map_size=64)
+    outputs = ("mask", "mask_single", "valid", "cascade_index")
+    with csm.Renderer() as renderer:
+        frame = renderer.render(scene, camera, sun, settings, outputs=outputs)
+    report = csm.compare(frame, csm.truth(scene, camera, sun))
+    assert found.expected_aliasing.item() == report.expected_aliasing > 0.0
+    assert found.error_aliasing.item() == report.mean["aliasing"]
 
 
 def test_a_labelled_axis_changes_several_settings(gl):
