@@ -236,7 +236,8 @@ def test_flicker_notebook_shows_what_it_says(outcome):
     assert variables["free"].largest == 1.0
     assert variables["exact"].count == variables["free"].count > 150_000
     # what a map shows is the mean over the steps in which its point counts
-    image, shown = variables["flicker_map"](variables["free"]), variables["shown"]
+    shown = variables["shown"]
+    image = variables["free"].as_picture(shown)
     assert np.isnan(image[~shown]).all()
     always = np.isfinite(variables["free"].changes).all(axis=0)
     changes = variables["free"].changes[:, always]
