@@ -53,7 +53,7 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     Parameters
     ----------
     dataset : xarray.Dataset
-        From `csm.sweep` with an axis ``technique``, and perhaps more; see the module's page.
+        From `csm.sweep` with the one axis ``technique``; crops and flicker are shown if there.
     out : path
         Folder: ``report.html``, which needs no other file, and its pictures as PNG files.
     title : str
@@ -67,7 +67,7 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     Raises
     ------
     ValueError
-        If the dataset has no axis ``technique`` or lacks errors, times or bytes.
+        If the dataset has no axis ``technique``, has others, or lacks errors, times or bytes.
     OSError
         If the folder cannot be written, or nothing lies in that of the hard cases.
     """
@@ -76,6 +76,11 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
             raise ValueError(
                 f"dataset must have {name}: csm.sweep(cases, {{'technique': {{...}}}}) gives it"
             )
+    if more := set(dataset.error_total.dims) - {"case", "technique"}:
+        raise ValueError(
+            f"dataset may have no axis but case and technique (got {', '.join(map(str, more))}): "
+            "choose with dataset.sel, or name combinations as techniques"
+        )
     hard = _hard_cases(hard_cases)
     folder = Path(out)
     folder.mkdir(parents=True, exist_ok=True)
@@ -140,11 +145,12 @@ def _glossary(dataset):
 def _summary(dataset):
     """Best at each size of memory and at each time, over the mean of all cases."""
     names = [str(name) for name in dataset.technique.values]
-    error = dataset.error_total.mean("case").values
-    time, memory = (
-        dataset.ms_total.mean("case").values,
-        dataset.bytes_maps.mean("case").values / MIB,
+    # what has no numbers in one case has no mean: that of the other cases might be of easier ones
+    error, time, memory = (
+        dataset[name].mean("case", skipna=False).values
+        for name in ("error_total", "ms_total", "bytes_maps")
     )
+    memory = memory / MIB
     rows = []
     for mib in MEMORIES_MIB:
         best = best_within(memory, error, 1.01 * mib)

@@ -153,7 +153,11 @@ def _judge(renderer, truth, settings, options):
     frame = renderer.render(truth.scene, truth.camera, truth.sun, settings, outputs=outputs)
     report = compare(frame, truth)
     return {
-        "errors": {cause: float(report.mean[cause]) for cause in options.causes},
+        # a frame without shadows has no causes
+        "errors": {
+            cause: float(report.mean[cause]) if cause in report.mean else float("nan")
+            for cause in options.causes
+        },
         "disagreement": float(report.disagreement),
         "beyond_range": report.beyond_range,
         "judged_count": report.judged_count,

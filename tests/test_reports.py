@@ -73,6 +73,29 @@ def test_a_dataset_that_lacks_something_is_refused_by_name(dataset, tmp_path, na
         csm.report(dataset.drop_vars(name), out=tmp_path)
 
 
+def test_further_axes_are_refused(dataset, tmp_path):
+    with pytest.raises(ValueError, match=r"no axis but case and technique \(got lam\)"):
+        csm.report(dataset.expand_dims(lam=[0.1, 0.5]), out=tmp_path / "page")
+    assert not (tmp_path / "page").exists()
+
+
+def test_what_failed_in_a_case_is_not_the_best_of_the_mean(dataset, tmp_path):
+    """Its mean over the other cases may be that of easier ones."""
+    dataset.error_total[0, 3] = 1e-6
+    text = csm.report(dataset, out=tmp_path).read_text(encoding="utf-8")
+    summary = re.search(r"At equal memory.*?</table>", text, re.DOTALL)[0]
+    assert "pcf 3x3" in summary
+    assert "a &lt;name&gt;" not in summary
+
+
+def test_two_scenes_of_one_name_are_not_one(tmp_path, capsys):
+    assert cli.main(["report", "town", "town:street", "--out", str(tmp_path / "page")]) == 2
+    assert "two are called 'town, street, noon' (the second is 'town:street')" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "page").exists()
+
+
 def test_crop_holds_most_of_the_error():
     rng = np.random.default_rng(2)
     error, judged = rng.random((30, 40)), rng.random((30, 40)) < 0.8
