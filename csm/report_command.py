@@ -88,7 +88,7 @@ def add_report_options(command):
         help="folder that csm hard-cases --out wrote, to be summed up on the page",
     )
     add_backend_option(add)
-    add("--quiet", action="store_true", help="no progress on stderr")
+    add("--quiet", action="store_true", help="no progress on stderr, no path on stdout")
 
 
 def chosen_techniques(families):

@@ -41,7 +41,7 @@ th, td { text-align: left; padding: 2px 9px; border-bottom: 1px solid #ddd; vert
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 tr.front td:first-child { font-weight: 600; } img { max-width: 100%; }
 figure { display: inline-block; margin: 0 .6rem .8rem 0; width: 196px; vertical-align: top; }
-figure img { image-rendering: pixelated; border: 1px solid #ccc; width: 94px; }
+figure img { image-rendering: pixelated; border: 1px solid #ccc; width: 96px; }
 figcaption { font-size: 11px; line-height: 1.25; color: #444; }
 .note { color: #555; font-size: 13px; }
 """

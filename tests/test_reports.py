@@ -12,7 +12,7 @@ from csm import cli
 from csm.hard_cases import CASES, RECORDS
 from csm.report_command import chosen_techniques
 from csm.report_pictures import front_picture
-from csm.report_runs import crop_place, path_of, with_crops_and_flicker
+from csm.report_runs import CROP, crop_place, path_of, with_crops_and_flicker
 from csm.techniques import BASELINE, FAMILIES
 
 xarray = pytest.importorskip("xarray", reason="reports are made of datasets (extra: sweep)")
@@ -59,6 +59,7 @@ def test_page_needs_no_other_file_and_says_what_the_dataset_says(dataset, tmp_pa
     assert "pcf 3x3, 1.4 x the time" in row
     assert text.count("data:image/png") == len(list(tmp_path.glob("*.png"))) + 8  # errors too
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in tmp_path.glob("*.png"))
+    assert f"width: {CROP[1]}px; }}" in text, "a pixel of a crop is a pixel of the page, or two"
 
 
 def test_order_of_dimensions_does_not_matter(dataset, tmp_path):
