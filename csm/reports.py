@@ -145,6 +145,7 @@ def _glossary(dataset):
 def _summary(dataset):
     """Best at each size of memory and at each time, over the mean of all cases."""
     names = [str(name) for name in dataset.technique.values]
+    dataset = _with_numbers(dataset)
     # what has no numbers in one case has no mean: that of the other cases might be of easier ones
     error, time, memory = (
         dataset[name].mean("case", skipna=False).values
@@ -175,6 +176,12 @@ def _summary(dataset):
         *lines,
         "</table>",
     ]
+
+
+def _with_numbers(dataset):
+    """The cases that any technique has an error in: not those where no pixel is judged."""
+    known = np.isfinite(dataset.error_total).any("technique")
+    return dataset.isel(case=np.flatnonzero(known.values))
 
 
 def _families(names):
@@ -249,7 +256,7 @@ def _table(one, names, error, time, memory):
             status = str(one.message.values[i]) if "message" in one else "no numbers"
             rows.append(
                 f"<tr><td>{html.escape(names[i])}</td><td colspan='{6 + len(causes)}'>"
-                f"{html.escape(status)}</td></tr>"
+                f"{html.escape(status or 'no pixel was judged')}</td></tr>"
             )
             continue
         next_one = halvings[i]
@@ -307,6 +314,7 @@ def _crops(one, names, pictures, case):
 def _across(dataset):
     """Techniques that differ from the baseline over the cases, and those that tie with it."""
     names = [str(name) for name in dataset.technique.values]
+    dataset = _with_numbers(dataset)
     if dataset.sizes["case"] < 2 or BASELINE not in names:
         return []
     error = dataset.error_total.transpose("case", "technique").values

@@ -89,6 +89,16 @@ def test_what_failed_in_a_case_is_not_the_best_of_the_mean(dataset, tmp_path):
     assert "a &lt;name&gt;" not in summary
 
 
+def test_a_case_without_judged_pixels_says_so_and_spoils_no_mean(dataset, tmp_path):
+    dataset.error_total[1] = np.nan
+    dataset["message"][1] = ""
+    text = csm.report(dataset, out=tmp_path).read_text(encoding="utf-8")
+    summary = re.search(r"At equal memory.*?</table>", text, re.DOTALL)[0]
+    assert "mean of 1 case(s)" in summary
+    assert "<td class='n'>0.400%</td>" in summary
+    assert text.count(">no pixel was judged<") == 4
+
+
 def test_two_scenes_of_one_name_are_not_one(tmp_path, capsys):
     assert cli.main(["report", "town", "town:street", "--out", str(tmp_path / "page")]) == 2
     assert "two are called 'town, street, noon' (the second is 'town:street')" in (
