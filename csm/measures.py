@@ -230,8 +230,10 @@ def texel_use(frame, truth):
         used[i] = len(np.unique(texel[:, 1] * sizes[i] + texel[:, 0]))
         answered[i] = np.count_nonzero(own) / max(report.judged_count, 1)
     jacobian = np.where(report.judged[..., None, None], pixels_per_texel(frame, truth), np.nan)
-    area = np.abs(np.linalg.det(jacobian))
-    with np.errstate(divide="ignore"):
+    with np.errstate(
+        divide="ignore", invalid="ignore"
+    ):  # numpy flags the NaN of what is not judged
+        area = np.abs(np.linalg.det(jacobian))
         density = 1.0 / area
     coarsest = np.where(report.judged, undersampling(frame, truth), np.nan)
     return TexelUse(used, used / sizes**2, answered, density, coarsest)

@@ -14,6 +14,7 @@ from .sampling import (
     LIT,
     NO_CASCADE,
     EdgeYardstick,
+    MissingOutput,
     edges_to_expect,
     expected_aliasing,
     output_of,
@@ -23,6 +24,7 @@ from .sampling import (
 __all__ = ["EdgeYardstick", "ErrorReport", "compare", "edge_yardstick", "undersampling"]
 
 ROUNDING = 1e-12  # of sums of weights that make 1
+FAINT = 1e-4  # of a mask in float32: less is no shadow that anybody meant
 
 # What telling a cause apart needs beside two masks.
 NEEDS = {
@@ -81,6 +83,12 @@ class _Masks:
             return self.total
         bright = cause in ("false_light", "too_bright")
         return (np.maximum if bright else np.minimum)(self.total, 0.0)
+
+
+class _Unshadowed(_Masks):
+    """Signed errors of a frame drawn without shadows: they have no cause but that."""
+
+    names = (*_Masks.names, "too_bright", "too_dark")
 
 
 class _Budget(_Masks):
@@ -230,7 +238,7 @@ class ErrorReport:
         ValueError
             If the report compares masks alone.
         """
-        dark = self.per_pixel["false_shadow"] < -ROUNDING
+        dark = self.per_pixel["false_shadow"] < -FAINT
         return int(np.count_nonzero(dark & self._stages("own_surface").own_surface))
 
     @cached_property
@@ -277,12 +285,15 @@ class ErrorReport:
             return "no pixel shows a surface that faces the sun within the shadow range"
         lines = [
             f"disagreement {self.disagreement:8.3%} of {self.judged_count} judged pixels",
-            f"{'':13}{'mean':>9}{'99 %':>9}{'largest':>9}{'rms':>9}",
+            f"{'':20}{'mean':>9}{'99 %':>9}{'largest':>9}{'rms':>9}",
         ]
         for cause in self.mean:
             columns = (self.mean, self.percentile_99, self.largest, self.root_mean_square)
-            numbers = "".join(f"{column[cause]:9.3%}" for column in columns)
-            lines.append(f"{cause.replace('_', ' '):13}{numbers}")
+            try:
+                numbers = "".join(f"{column[cause]:9.3%}" for column in columns)
+            except MissingOutput as error:  # what was not rendered does not hide the rest
+                numbers = f"   needs the frame's {error.output}"
+            lines.append(f"{cause.replace('_', ' '):20}{numbers}")
         if self.beyond_range:
             lines.append(f"{self.beyond_range:.3%} of the sun-facing pixels are beyond the range")
         return "\n".join(lines)
@@ -362,7 +373,7 @@ def _compare_frame(frame, truth):
     facing_count = np.count_nonzero(facing)
     beyond = np.count_nonzero(facing & ~covered)
     judged = facing & covered
-    budget = _Masks(mask, reference, judged)
+    budget = _Unshadowed(mask, reference, judged)
     if hasattr(frame, "cascades") and hasattr(truth, "trace") and frame.settings.filter != "none":
         budget = _Budget(mask, truth, Stages(frame, truth, judged))
     return _report(budget, mask, reference, judged, beyond / facing_count if facing_count else 0.0)

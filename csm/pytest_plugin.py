@@ -4,6 +4,7 @@ Installed with csm, pytest knows the fixture `shadow_case` without a line of con
 """
 
 import json
+import numbers
 import re
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,6 +15,7 @@ import pytest
 __all__ = ["ShadowCase", "assert_shadows_match", "write_evidence"]
 
 EVIDENCE = "shadow-evidence"
+RANGES = {"rendered": (0.0, 1.0), "reference": (0.0, 1.0), "difference": (-1.0, 1.0)}
 
 
 @dataclass(frozen=True, eq=False)
@@ -36,6 +38,7 @@ class ShadowCase:
 
     def check(self, *, max_error, causes=None):
         """`assert_shadows_match` of this case."""
+        __tracebackhide__ = True
         assert_shadows_match(
             self.frame, self.truth, max_error=max_error, causes=causes, folder=self.folder
         )
@@ -65,13 +68,17 @@ def assert_shadows_match(frame, truth, *, max_error, causes=None, folder=None):
         If a limit is no fraction, or a cause cannot be told from what is given.
     """
     __tracebackhide__ = True
+    from .causes import CAUSES
     from .metrics import compare
 
     limits = {"max_error": max_error, **(causes or {})}
     for name, limit in limits.items():
-        if not 0.0 <= limit <= 1.0:
+        if not isinstance(limit, numbers.Real) or not 0.0 <= limit <= 1.0:
             raise ValueError(f"{name} must be a fraction from 0 to 1 (got {limit!r})")
     report = compare(frame, truth)
+    for cause in causes or ():
+        if cause not in (*CAUSES, *report.mean):
+            raise ValueError(f"causes: there is no {cause!r}; there are {', '.join(report.mean)}")
     if not report.judged_count:
         raise AssertionError("no pixel shows a surface that faces the sun: nothing was judged")
     found = {
@@ -102,7 +109,8 @@ def write_evidence(folder, arrays, settings=None, more=None):
         Made if need be.
     arrays : mapping of str to ndarray
         Each becomes a .npy, a two-dimensional one a .png too (row 0 on top). ``rendered`` and
-        ``reference`` of one shape also give their ``difference``.
+        ``reference`` of one shape also give their ``difference``. Masks are drawn from black, 0, to
+        white, 1, the difference from black, -1, to white, 1; anything else over its own values.
     settings : ShadowSettings or mapping, optional
         Becomes settings.json.
     more : mapping, optional
@@ -123,15 +131,17 @@ def write_evidence(folder, arrays, settings=None, more=None):
     for name, array in arrays.items():
         np.save(folder / f"{name}.npy", array)
         if array.ndim == 2:
-            save_png(folder / f"{name}.png", grey_picture(array))
+            save_png(folder / f"{name}.png", grey_picture(array, RANGES.get(name)))
 
 
-def grey_picture(array):
-    """Bytes of a two-dimensional array, its finite values from black to white.
+def grey_picture(array, span=None):
+    """Bytes of a two-dimensional array from black to white.
 
     Parameters
     ----------
     array : (h, w) array_like
+    span : (float, float), optional
+        Values of black and white; those of the array itself that are finite by default.
 
     Returns
     -------
@@ -139,8 +149,11 @@ def grey_picture(array):
     """
     values = np.asarray(array, np.float64)
     finite = values[np.isfinite(values)]
-    low, high = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
+    if span is None:
+        span = (finite.min(), finite.max()) if finite.size else (0.0, 1.0)
+    low, high = span
     grey = np.nan_to_num((values - low) / ((high - low) or 1.0), nan=0.0, posinf=1.0, neginf=0.0)
+    grey = np.clip(grey, 0.0, 1.0)
     return np.repeat(np.round(255 * grey).astype(np.uint8)[..., None], 3, axis=-1)
 
 

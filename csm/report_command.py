@@ -88,7 +88,7 @@ def add_report_options(command):
         help="folder that csm hard-cases --out wrote, to be summed up on the page",
     )
     add_backend_option(add)
-    add("--quiet", action="store_true", help="no progress on stderr")
+    add("--quiet", action="store_true", help="no progress on stderr, no path on stdout")
 
 
 def chosen_techniques(families):
@@ -155,7 +155,15 @@ def run_report(options):
     swept = folder / "sweep"
     progress = Progress(quiet=options.quiet)
     with progress.stage("loading"):
-        cases = dict(find_case(text, size, options.sun_diameter) for text in options.scenes)
+        cases = {}
+        for text in options.scenes:
+            name, case = find_case(text, size, options.sun_diameter)
+            if name in cases:
+                raise ValueError(
+                    f"SCENE: two are called {name!r} (the second is {text!r}): "
+                    "give each once, and files names of their own"
+                )
+            cases[name] = case
     with progress.stage(f"sweeping {len(techniques)} techniques over {len(cases)} case(s)") as go:
         dataset = sweep(
             cases,

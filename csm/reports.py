@@ -43,7 +43,7 @@ th, td { text-align: left; padding: 2px 9px; border-bottom: 1px solid #ddd; vert
 td.n { text-align: right; font-variant-numeric: tabular-nums; white-space: nowrap; }
 tr.front td:first-child { font-weight: 600; } img { max-width: 100%; }
 figure { display: inline-block; margin: 0 .6rem .8rem 0; width: 196px; vertical-align: top; }
-figure img { image-rendering: pixelated; border: 1px solid #ccc; width: 94px; }
+figure img { image-rendering: pixelated; border: 1px solid #ccc; width: 96px; }
 figcaption { font-size: 11px; line-height: 1.25; color: #444; }
 .note { color: #555; font-size: 13px; }
 """
@@ -169,11 +169,13 @@ def _glossary(dataset):
 def _summary(dataset):
     """Best at each size of memory and at each time, over the mean of all cases."""
     names = [str(name) for name in dataset.technique.values]
-    error = dataset.error_total.mean("case").values
-    time, memory = (
-        dataset.ms_total.mean("case").values,
-        dataset.bytes_maps.mean("case").values / MIB,
+    dataset = _with_numbers(dataset)
+    # what has no numbers in one case has no mean: that of the other cases might be of easier ones
+    error, time, memory = (
+        dataset[name].mean("case", skipna=False).values
+        for name in ("error_total", "ms_total", "bytes_maps")
     )
+    memory = memory / MIB
     rows = []
     for mib in MEMORIES_MIB:
         best = best_within(memory, error, 1.01 * mib)
@@ -198,6 +200,12 @@ def _summary(dataset):
         *lines,
         "</table>",
     ]
+
+
+def _with_numbers(dataset):
+    """The cases that any technique has an error in: not those where no pixel is judged."""
+    known = np.isfinite(dataset.error_total).any("technique")
+    return dataset.isel(case=np.flatnonzero(known.values))
 
 
 def _families(one, names):
@@ -276,7 +284,7 @@ def _table(one, names, error, time, memory):
             status = str(one.message.values[i]) if "message" in one else "no numbers"
             rows.append(
                 f"<tr><td>{html.escape(names[i])}</td><td colspan='{6 + len(causes)}'>"
-                f"{html.escape(status)}</td></tr>"
+                f"{html.escape(status or 'no pixel was judged')}</td></tr>"
             )
             continue
         next_one = halvings[i]
@@ -334,6 +342,7 @@ def _crops(one, names, pictures, case):
 def _across(dataset):
     """Techniques that differ from the baseline over the cases, and those that tie with it."""
     names = [str(name) for name in dataset.technique.values]
+    dataset = _with_numbers(dataset)
     if dataset.sizes["case"] < 2 or BASELINE not in names:
         return []
     error = dataset.error_total.transpose("case", "technique").values

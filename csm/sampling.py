@@ -226,11 +226,19 @@ def edges_to_expect(frame, truth, judged, largest):
     return EdgeYardstick(expected / count if count else float("nan"), pairs, count)
 
 
+class MissingOutput(ValueError):
+    """A frame was rendered without an output that is needed."""
+
+    def __init__(self, output):
+        super().__init__(
+            f"the frame's {output} is needed: ask for it with outputs=(..., {output!r})"
+        )
+        self.output = output
+
+
 def output_of(frame, name):
     """Return an output of a frame, or say how to get it."""
     try:
         return np.asarray(getattr(frame, name))
     except AttributeError as error:
-        raise ValueError(
-            f"the frame's {name} is needed: ask for it with outputs ({error})"
-        ) from error
+        raise MissingOutput(name) from error

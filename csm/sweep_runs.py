@@ -136,15 +136,23 @@ class PoolWorkers:
             self._paths[load] = str(path)
         task = (_pool_task, self._paths[load], jobs, options)
         try:
-            return self._pool.submit(*task)
+            return self._submit(*task)
         except BrokenProcessPool:
             self._pool.shutdown(wait=True)
             self._pool = self._new_pool()
+            return self._submit(*task)
+
+    def _submit(self, *task):
+        """Submit, with Ctrl-C held back: a process that begins now is born deaf to it."""
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
             return self._pool.submit(*task)
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
     def ask(self, function, *arguments):
         """Have one worker answer."""
-        return self._pool.submit(function, *arguments).result()
+        return self._submit(function, *arguments).result()
 
     @staticmethod
     def wait(futures):

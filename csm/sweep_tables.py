@@ -12,6 +12,7 @@ from .sweep_cases import camera_text, sun_text
 from .sweep_points import setting_text
 
 __all__ = [
+    "COLUMNS",
     "VALUES",
     "dataset_of",
     "outcome_of",
@@ -42,6 +43,14 @@ WITH_CAUSES = {
         (np.float64, "1", "aliasing that theory expects of texels of this size"),
     )
 }
+# What else a row of the table holds, beside errors, times, settings and labels of axes.
+COLUMNS = (
+    *("row", "case", "status", "message", "key", "frames"),
+    *("scene", "ground", "scene_digest", "camera", "sun"),
+    *("rays_per_pixel", "standard_error", "causes", "repeats", "backend", "stage"),
+    *("csm", "commit", "code", "clock", "host", "machine", "finished"),
+    *("renderer", "version", "stage_used"),
+)
 SPECIAL = {
     "total": "all passes but readback",
     "host": "the call outside of all passes: placing cascades, submitting, Python's own",

@@ -19,6 +19,7 @@ from .sweep_points import axes_of, points_of, settings_from_text
 from .sweep_provenance import provenance
 from .sweep_runs import DaskWorkers, PoolWorkers, run_here, run_on
 from .sweep_tables import (
+    COLUMNS,
     dataset_of,
     outcome_of,
     passes_of,
@@ -276,14 +277,7 @@ def _check_packages(out, axis_names):
                 f"csm.sweep needs {package}: pip install cascaded-shadow-maps[{extra}]"
             ) from error
     for name in axis_names:
-        if name in values_of(CAUSES) or name in (
-            "status",
-            "message",
-            "key",
-            "frames",
-            "row",
-            "scene",
-        ):
+        if name in values_of(CAUSES) or name in COLUMNS or name.startswith(("error_", "ms_")):
             raise ValueError(f"axes: an axis may not be called {name!r}, as a result is")
 
 

@@ -270,3 +270,23 @@ def test_a_blended_frame_needs_its_single_mask(renderer, truth):
     assert math.isfinite(report.mean["aliasing"])
     with pytest.raises(ValueError, match="mask_single"):
         report.mean["seam"]
+    text = str(report)
+    assert "seam                   needs the frame's mask_single" in text
+    assert "aliasing" in text
+
+
+def test_rounding_of_a_mask_is_no_acne(renderer, truth):
+    """Sums of 25 weights in float32 fall short of 1 by a little: no surface shadows itself."""
+    settings = csm.ShadowSettings(map_size=256, filter="pcf", filter_size=5)
+    report = csm.compare(renderer.render(SCENE, CAMERA, SUN, settings, outputs=OUTPUTS), truth)
+    dark = report.per_pixel["false_shadow"]
+    assert np.count_nonzero((dark < 0.0) & (dark > -1e-6)) > 10, "nothing was rounded"
+    assert report.own_surface <= np.count_nonzero(dark < -0.5 / 25)
+
+
+def test_a_frame_without_shadows_errs_by_sign_alone(renderer, truth):
+    frame = renderer.render(SCENE, CAMERA, SUN, csm.ShadowSettings(filter="none"))
+    mean = csm.compare(frame, truth).mean
+    assert mean["too_bright"] == mean["total"] > 0.0
+    assert mean["too_dark"] == 0.0
+    assert "aliasing" not in mean

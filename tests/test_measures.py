@@ -1,6 +1,7 @@
 """Edges in their place, penumbrae of the sun's width, texels that somebody looks at."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -144,3 +145,17 @@ def test_settings_that_go_back_and_forth_are_counted():
 
 def test_settings_are_found_in_frames(frame):
     assert measures.settings_stability([frame, frame.settings]).changed == ()
+
+
+def test_nothing_to_judge_is_no_warning():
+    """Pixels that are not judged have no texels: NaN, and no RuntimeWarning of numpy's."""
+    scene, sun = csm.scenes.plane_and_box(), csm.Sun((1, 1, 1))
+    camera = scene.cameras["corner"].replace(size=(32, 24))
+    truth = csm.truth(scene, camera, sun)
+    with csm.Renderer() as renderer:
+        frame = renderer.render(scene, camera, sun, csm.ShadowSettings(map_size=64))
+    assert not csm.compare(frame, truth).judged.all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        use = measures.texel_use(frame, truth)
+    assert np.isnan(use.texels_per_pixel).any()

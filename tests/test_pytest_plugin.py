@@ -83,6 +83,8 @@ def test_masks_of_any_engine_are_judged(tmp_path):
     [
         ({"max_error": -0.1}, "max_error.*-0.1"),
         ({"max_error": float("nan")}, "max_error.*nan"),
+        ({"max_error": "1%"}, "max_error.*1%"),
+        ({"max_error": 0.1, "causes": {"alias": 0.1}}, "no 'alias'; there are total"),
         ({"max_error": 0.1, "causes": {"aliasing": 0.1}}, "aliasing.*needs"),
         ({"max_error": 0.1, "causes": {"false_light": 2.0}}, "false_light.*2.0"),
     ],
@@ -111,3 +113,20 @@ def test_evidence_of_any_shape(tmp_path):
     assert {path.name for path in tmp_path.iterdir()} == {
         "maps.npy", "flat.npy", "flat.png", "settings.json",
     }  # fmt: skip
+
+
+def test_masks_are_drawn_as_they_are(tmp_path):
+    """A mask without shadow is white, not black; grey is where a difference is none."""
+    from PIL import Image
+
+    rendered, reference = np.ones((3, 4)), np.ones((3, 4))
+    reference[0, 0] = 0.5
+    write_evidence(tmp_path, {"rendered": rendered, "reference": reference})
+    drawn = {
+        name: np.asarray(Image.open(tmp_path / f"{name}.png").convert("L"))
+        for name in ("rendered", "reference", "difference")
+    }
+    assert (drawn["rendered"] == 255).all()
+    assert drawn["reference"][0, 0] == 128
+    assert drawn["difference"][0, 0] == 191
+    assert (drawn["difference"].ravel()[1:] == 128).all()

@@ -12,7 +12,7 @@ from csm import cli
 from csm.hard_cases import CASES, RECORDS
 from csm.report_command import chosen_techniques
 from csm.report_pictures import front_picture
-from csm.report_runs import crop_place, path_of, with_crops_and_flicker
+from csm.report_runs import CROP, crop_place, path_of, with_crops_and_flicker
 from csm.techniques import BASELINE, FAMILIES
 
 xarray = pytest.importorskip("xarray", reason="reports are made of datasets (extra: sweep)")
@@ -60,6 +60,7 @@ def test_page_needs_no_other_file_and_says_what_the_dataset_says(dataset, tmp_pa
     assert "pcf 3x3, 1.4 x the time" in row
     assert text.count("data:image/png") == len(list(tmp_path.glob("*.png"))) + 8  # errors too
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in tmp_path.glob("*.png"))
+    assert f"width: {CROP[1]}px; }}" in text, "a pixel of a crop is a pixel of the page, or two"
 
 
 def test_order_of_dimensions_does_not_matter(dataset, tmp_path):
@@ -98,6 +99,33 @@ def test_axes_of_a_sweep_of_ones_own_are_joined(dataset, tmp_path, monkeypatch):
 def test_a_dataset_that_lacks_something_is_refused_by_name(dataset, tmp_path, name):
     with pytest.raises(ValueError, match=name):
         csm.report(dataset.drop_vars(name), out=tmp_path)
+
+
+def test_what_failed_in_a_case_is_not_the_best_of_the_mean(dataset, tmp_path):
+    """Its mean over the other cases may be that of easier ones."""
+    dataset.error_total[0, 3] = 1e-6
+    text = csm.report(dataset, out=tmp_path).read_text(encoding="utf-8")
+    summary = re.search(r"At equal memory.*?</table>", text, re.DOTALL)[0]
+    assert "pcf 3x3" in summary
+    assert "a &lt;name&gt;" not in summary
+
+
+def test_a_case_without_judged_pixels_says_so_and_spoils_no_mean(dataset, tmp_path):
+    dataset.error_total[1] = np.nan
+    dataset["message"][1] = ""
+    text = csm.report(dataset, out=tmp_path).read_text(encoding="utf-8")
+    summary = re.search(r"At equal memory.*?</table>", text, re.DOTALL)[0]
+    assert "mean of 1 case(s)" in summary
+    assert "<td class='n'>0.400%</td>" in summary
+    assert text.count(">no pixel was judged<") == 4
+
+
+def test_two_scenes_of_one_name_are_not_one(tmp_path, capsys):
+    assert cli.main(["report", "town", "town:street", "--out", str(tmp_path / "page")]) == 2
+    assert "two are called 'town, street, noon' (the second is 'town:street')" in (
+        capsys.readouterr().err
+    )
+    assert not (tmp_path / "page").exists()
 
 
 def test_crop_holds_most_of_the_error():

@@ -280,6 +280,25 @@ def work_with_a_death():
     return [(case, truth, jobs)], sweep_worker.Options(("total",), 1, "auto", "auto")
 
 
+def test_processes_that_begin_are_deaf_to_an_interrupt(tmp_path):
+    """Ctrl-C goes to all of a terminal's processes, those still importing among them."""
+    script = tmp_path / "pool.py"
+    script.write_text(
+        "import os, signal, time\n"
+        "from csm.sweep_runs import PoolWorkers\n"
+        "if __name__ == '__main__':\n"
+        "    with PoolWorkers(1) as workers:\n"
+        "        future = workers._submit(os.getpid)\n"
+        "        (child,) = workers._pool._processes\n"
+        "        os.kill(child, signal.SIGINT)\n"
+        "        assert future.result() == child\n"
+        "        os.kill(child, signal.SIGINT)\n"
+        "        assert workers.ask(os.getpid) == child\n"
+    )
+    ran = subprocess.run([sys.executable, script], capture_output=True, text=True, timeout=120)
+    assert (ran.returncode, ran.stderr) == (0, "")
+
+
 def test_a_point_that_kills_its_process_is_lost_alone():
     landed = []
     sweep_runs.run_on(sweep_runs.PoolWorkers(2), *work_with_a_death(), landed.append)

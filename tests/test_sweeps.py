@@ -20,6 +20,7 @@ from csm import renderer as renderer_module
 from csm import sweep_runs, sweep_worker, sweeps, truth_cache
 from csm.sweep_command import read_sweep
 from csm.sweep_journal import Journal, blank_record
+from csm.sweep_tables import COLUMNS, VALUES
 
 SIZE = (48, 32)
 QUICK = {"size": SIZE, "repeats": 1}
@@ -233,6 +234,24 @@ def test_what_fails_is_a_record(gl, tmp_path):
     assert without_times(again).identical(without_times(found))
 
 
+def test_a_frame_without_shadows_is_a_point_like_others(gl):
+    causes = ("total", "too_bright", "seam")
+    found = csm.sweep({"box": BOX}, {"filter": ["none", "hard"]}, causes=causes, **QUICK)
+    assert found.status.values.tolist() == [["ok", "ok"]]
+    assert found.error_too_bright.values[0, 0] == found.error_total.values[0, 0] > 0.0
+    assert np.isnan(found.error_seam.values[0, 0])
+
+
+def test_no_column_may_be_an_axis(swept):
+    """What a table holds beside errors, times and settings is what axes may not be called."""
+    with open(swept[1] / "points.csv", newline="") as file:
+        columns = next(csv.reader(file))
+    settings = csm.ShadowSettings().to_dict()
+    own = {name for name in columns if not name.startswith(TIMES) and name not in settings}
+    own -= {"map_size", "filter"} | set(VALUES)
+    assert {name for name in own if not name.startswith("error_")} <= set(COLUMNS)
+
+
 def test_a_render_that_fails_while_it_is_timed_is_a_record(gl, monkeypatch):
     def broken(jobs, frame_times, **_):
         for job in jobs:
@@ -272,6 +291,9 @@ def test_a_truth_that_fails_is_a_record_of_its_case(gl, monkeypatch):
         (({"box": BOX}, {"map_size": [64, 64]}), ValueError, "has a value twice"),
         (({"box": BOX}, {"case": [1]}), ValueError, "may not be called 'case'"),
         (({"box": BOX}, {"bytes": {"a": {}}}), ValueError, "may not be called 'bytes'"),
+        (({"box": BOX}, {"error_total": {"a": {}}}), ValueError, "may not be called 'error_total'"),
+        (({"box": BOX}, {"ms_own": {"a": {}}}), ValueError, "may not be called 'ms_own'"),
+        (({"box": BOX}, {"sun": {"a": {}}}), ValueError, "may not be called 'sun'"),
         (({"box": BOX}, {"filter": {"a": {}}}), ValueError, "is a setting, so its values"),
         (
             ({"box": BOX}, {"filter": ["pcf"], "kind": {"a": {"filter": "hard"}}}),
