@@ -8,20 +8,21 @@ HEAD = """\
 Written by `python benchmarks/claims.py --from docs/claims_measured*.json --markdown docs/claims.md`
 from what that script measured; do not edit.
 
-What articles and books on cascaded shadow maps say, measured with `csm` on scenes made by code and on
-real ones. A claim is **reproduced** if it holds under every condition it was tried under, **not
+What articles and books on cascaded shadow maps say, measured with `csm` on scenes made by code and
+on real ones. A claim is **reproduced** if it holds under every condition it was tried under, **not
 reproduced** if it fails under every one, and else it **depends on** the condition that is named.
 
 - A case is one number: mostly the error (mean absolute, against ray tracing) or the time of one
   choice over that of the other, on one view of one scene. Cases are grouped by condition.
-- A group **holds** where its mean, and all of the 95 % bootstrap interval of the mean, lie within what
-  the claim states; **fails** where all of that lies outside; anything else, or fewer than three cases,
-  is **open**. Means of ratios are geometric. For claims about a range the share of the cases that lie
-  in it decides: four fifths hold, one fifth fails.
-- Thresholds were written down before they were measured against. Three conditions were refined, and
-  the measure of seams was replaced, after trial runs on the same scenes: they say so below.
-- Errors are those of pixels that face the sun, {size[0]} x {size[1]} (light bleeding 320 x 180). Times are
-  medians of frames of 1280 x 720 in turns, and are the driver's: software on a CPU is not a GPU.
+- A group **holds** where its mean, and all of the 95 % bootstrap interval of the mean, lie within
+  what the claim states; it **fails** where all of that lies outside; anything else, or fewer than
+  three cases, is **open**. Means of ratios are geometric. For claims about a range the share of the
+  cases that lie in it decides: four fifths hold, one fifth fails.
+- Thresholds were written down before the run that is shown. The conditions of three claims were
+  refined, and the measure of seams was replaced, after trial runs on the same scenes: they say so.
+- Errors are those of pixels that face the sun, {size[0]} x {size[1]} (light bleeding 320 x 180).
+  Times are medians of frames of 1280 x 720 in turns, and are the driver's: software on a CPU is not
+  a GPU.
 
 """
 MEASURED_BY = """\

@@ -17,6 +17,7 @@ import time
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
+import claim_filters
 import claim_measures
 import claim_times
 from cases import note
@@ -207,7 +208,7 @@ CLAIMS = (
         "leak, 1024² over 512²",
         "at most 0.9",
         Rule(0.0, 0.9),
-        claim_measures.light_bleeding,
+        claim_filters.light_bleeding,
         "WHY",
     ),
     Claim(
@@ -222,7 +223,7 @@ CLAIMS = (
         "quanta needed",
         "¼ to 1 in four fifths of the cases",
         Rule(0.25, 1.0, "range"),
-        claim_measures.sixteen_bits,
+        claim_filters.sixteen_bits,
         "WHY",
     ),
     Claim(
@@ -237,7 +238,7 @@ CLAIMS = (
         "share of the seam left",
         "at most 0.2",
         Rule(-math.inf, 0.2, "difference"),
-        claim_measures.seams,
+        claim_filters.seams,
         "WHY",
     ),
 )

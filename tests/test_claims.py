@@ -1,5 +1,5 @@
-"""The claims of the sources: verdicts say what planted numbers say, the page says what was measured,
-and what costs little is measured again (benchmarks/claims.py)."""
+"""The claims of the sources: verdicts say what planted numbers say, the page says what was
+measured, and what costs little is measured again (benchmarks/claims.py)."""
 
 import dataclasses
 import json
@@ -15,6 +15,7 @@ import csm
 ROOT = Path(__file__).resolve().parents[1]
 sys.path.append(str(ROOT / "benchmarks"))
 
+import claim_filters  # noqa: E402
 import claim_measures  # noqa: E402
 import claim_page  # noqa: E402
 import claim_times  # noqa: E402
@@ -133,7 +134,9 @@ def test_page_is_made_of_what_was_measured():
     again = (
         "python benchmarks/claims.py --from docs/claims_measured*.json --markdown docs/claims.md"
     )
-    assert written == claim_page.page(claims.CLAIMS, read()), f"run: {again}"
+    assert written == claim_page.page(claims.CLAIMS, read()), (
+        f"run: python benchmarks/claims.py {files}"
+    )
 
 
 def test_page_has_every_claim_with_its_verdict():
@@ -225,19 +228,19 @@ def test_a_range_that_is_cut_shorter_than_34_prefers_three():
 
 def test_quanta_again(bench):
     """Planted: a floor that faces the sun needs half a quantum; the box's scene does not."""
-    cases = claim_measures.sixteen_bits(bench)
+    cases = claim_filters.sixteen_bits(bench)
     assert {case.value for case in cases if case.numbers["flat share"] == 0.0} == {0.0}
     view = bench.views[0].replace("overhead", sun=csm.Sun((0.02, 1, 0.01)))
     facing = claim_views.Bench(bench.renderer, only=("plane_and_box",), size=TINY)
     facing.views = [view]
-    needed = {case.name: case for case in claim_measures.sixteen_bits(facing)}
+    needed = {case.name: case for case in claim_filters.sixteen_bits(facing)}
     case = needed[f"{view.name}, range 16 times the scene's"]
     assert case.numbers["flat share"] > 0.5
     assert 0.25 <= case.value <= 0.5, case.numbers["acne"]
 
 
 def test_seams_again(bench):
-    cases = claim_measures.seams(
+    cases = claim_filters.seams(
         claim_views.Bench(bench.renderer, only=("stairs",), size=(320, 180))
     )
     assert len(cases) >= 2
@@ -252,12 +255,12 @@ def test_seam_pixels_are_quads_of_two_cascades():
     counted = np.ones(index.shape, bool)
     wanted = np.zeros(index.shape, bool)
     wanted[1:, 2:4] = True
-    assert (claim_measures.seam_pixels(index, counted) == wanted).all()
+    assert (claim_filters.seam_pixels(index, counted) == wanted).all()
     counted[4, 2] = False
     wanted[3:, 2:4] = False
-    assert (claim_measures.seam_pixels(index, counted) == wanted).all()
+    assert (claim_filters.seam_pixels(index, counted) == wanted).all()
     index[:, 2:] = 1
-    assert not claim_measures.seam_pixels(index, counted).any()
+    assert not claim_filters.seam_pixels(index, counted).any()
 
 
 def test_angles_are_those_between_light_and_view(bench):
