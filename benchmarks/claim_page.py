@@ -1,5 +1,7 @@
 """docs/claims.md: the claims, their verdicts and the numbers, from what was measured."""
 
+from statistics import median
+
 from claim_verdicts import DEPENDS, Case, condition, judge
 
 HEAD = """\
@@ -36,6 +38,9 @@ MEASURED_BY = """\
 | scenes | {scenes} |
 | command | {commands} |
 
+"""
+MEDIANS = """\
+Medians of the cases' other numbers (of lists place by place; times in ms with their quartiles):
 """
 
 
@@ -113,10 +118,46 @@ def groups_table(claim, measured):
     return "\n".join(rows) + "\n"
 
 
+def plain(value):
+    """Numbers of any shape as text."""
+    if isinstance(value, dict):
+        return ", ".join(f"{name} {plain(one)}" for name, one in value.items())
+    if isinstance(value, list):
+        return " / ".join(plain(one) for one in value)
+    return "none" if value is None else number(value)
+
+
+def middle(values):
+    """Median of numbers, of lists or of dicts of them place by place; None where all are None."""
+    first = values[0]
+    if isinstance(first, dict):
+        return {name: middle([one[name] for one in values]) for name in first}
+    if isinstance(first, list):
+        return [middle(list(ones)) for ones in zip(*values, strict=True)]
+    known = [value for value in values if value is not None]
+    return median(known) if known else None
+
+
+def details(claim, measured):
+    """Medians of what else the cases of each condition have."""
+    lines = []
+    cases = cases_of(measured, claim) or ()
+    for group in dict.fromkeys(case.group for case in cases):
+        numbers = [case.numbers for case in cases if case.group == group]
+        shown = "; ".join(
+            f"{name}: {plain(middle([one[name] for one in numbers]))}" for name in numbers[0]
+        )
+        lines.append(f"- {group}. {shown}")
+    return "\n".join(lines) + "\n"
+
+
 def section(claim, files):
     """All about one claim."""
     shown = files if claim.timed else [one for one in files if claim.id in one["claims"]][:1]
-    tables = "\n".join(groups_table(claim, measured) for measured in shown or files[:1])
+    tables = "\n".join(
+        f"{groups_table(claim, measured)}\n{MEDIANS}\n{details(claim, measured)}"
+        for measured in shown or files[:1]
+    )
     return (
         f'\n<a id="{claim.id}"></a>\n\n## {claim.title}\n\n'
         f"*Source:* {claim.source}: {claim.says}\n\n"

@@ -1,254 +1,39 @@
 """Claims of the sources on cascaded shadow maps, each measured and given a verdict.
 
 ``python benchmarks/claims.py --json FILE`` measures all of them on this machine, ``--only ID`` one
-(again for more), ``--list`` names them. ``--markdown FILE`` writes the page; with ``--from JSON …`` it
-is made from what was measured before, on one machine or several, and nothing is measured. Real
-scenes are taken from ``--folder`` or CSM_SCENES if that is given; ``--scenes NAME …`` takes only some.
+(again for more), ``--list`` names them. ``--markdown FILE`` writes the page; with ``--from JSON …``
+it is made from what was measured before, on one machine or several, and nothing is measured. Real
+scenes are taken from ``--folder``, or CSM_SCENES if that is set; ``--scenes NAME …`` takes only
+some. Of a machine other than the first, ``--label`` names the column of the page.
 """
 
 import argparse
 import datetime
 import json
-import math
 import os
 import platform
 import sys
 import time
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict
 from pathlib import Path
 
-import claim_filters
-import claim_measures
-import claim_times
 from cases import note
 from claim_page import page
-from claim_verdicts import Rule, condition, judge
+from claim_table import CLAIMS
+from claim_verdicts import condition, judge
 from claim_views import SIZE, Bench
 
 import csm
+from csm.arguments import parse_size
 from csm.digests import commit
-
-BETTER = Rule(0.0, 0.95)  # a ratio of errors, at least a twentieth less
-
-
-@dataclass(frozen=True)
-class Claim:
-    """What a source says, what is measured, and which numbers would be what it says."""
-
-    id: str
-    title: str
-    source: str
-    says: str
-    measured: str
-    value: str  # what a case's number is, in a few words
-    states: str  # the rule in words
-    rule: Rule
-    measure: object = field(repr=False)  # function, Bench to list of Case
-    why: str
-    timed: bool = False
-
-
-CLAIMS = (
-    Claim(
-        "stabilisation-area",
-        "Exact stabilisation wastes 2.8 to 4.0 times the area",
-        "[Zhang2009] 4.1, exact solution",
-        'a "considerable portion" of the map is wasted by spheres. The text has no figure; 2.8 to 4.0 '
-        "times was handed to us without a source.",
-        "area of the window of `fit=sphere, snap=exact` over that of a tight one that is not "
-        "stabilised, mean of four cascades: the box along light x and y (`fit=box`), and the smallest "
-        "turned rectangle. 40 suns over the sky for fields of view of 45°, 60° and 90°, and all views.",
-        "area, sphere over tight",
-        "2.8 to 4.0 in four fifths of the cases",
-        Rule(2.8, 4.0, "range"),
-        claim_measures.stabilisation_area,
-        "A slice seen end-on is as wide as it is high, and the square round its sphere is little more "
-        "than twice its box; seen from the side it is thin, and the ratio has no bound as the slice "
-        "gets flatter. The range asked about is that of light across the view against the "
-        "smallest rectangle. A square of the slice's diameter is as stable and never larger.",
-    ),
-    Claim(
-        "blend-branching",
-        "Blending between cascades costs 15 % more where shaders branch",
-        "[Stone]",
-        '"only increased costs by about 15%" with good dynamic branching.',
-        "time of the mask's pass with `blend=linear` over that without; only pixels in a transition "
-        "look up a second cascade. 4 x 1024².",
-        "time, blend over none",
-        "1.075 to 1.225, half of the increase to one and a half times it",
-        Rule(1.075, 1.225),
-        claim_times.blend_branching,
-        "WHY",
-        timed=True,
-    ),
-    Claim(
-        "blend-both",
-        "Blending costs 40 % more where shaders do not branch",
-        "[Stone]",
-        'without branching "the cost of applying shadows grew by 40%".',
-        "the same with csm's own shaders less the one branch: both cascades are looked up for every "
-        "pixel and weighted, with a weight of 0 outside of transitions. The pictures are equal to the "
-        "bit, or the measurement stops.",
-        "time, both over none",
-        "1.2 to 1.6, half of the increase to one and a half times it",
-        Rule(1.2, 1.6),
-        claim_times.blend_both,
-        "WHY",
-        timed=True,
-    ),
-    Claim(
-        "more-cascades-error",
-        "More, smaller maps are better: 5 x 640² against 3 x 1024²",
-        "[Stone]",
-        'five maps "increase the effective shadow map resolution" over three of 1024². Those were '
-        "perspective maps with splits by hand; here both are plain ones.",
-        "error of 5 x 640² over that of 3 x 1024², hard compare, with the same splits. Five have 0.65 of "
-        "the texels. The near plane is put at half the depth of the nearest receivers. Cascades of equal "
-        "ratio have finer texels by five than by three if the range reaches more than "
-        f"(1024/640)^7.5 = {claim_measures.DEEP:.0f} times its near end: the condition, refined after a "
-        "trial run.",
-        "error, five over three",
-        "at most 0.95",
-        BETTER,
-        claim_measures.more_cascades_error,
-        "WHY",
-    ),
-    Claim(
-        "more-cascades-cost",
-        "5 x 640² cost half of 3 x 1024²",
-        "[Stone]",
-        '"half the cost" of three perspective maps that were looked up one by one.',
-        "time of a whole frame with 5 x 640² over that with 3 x 1024²; both look up one cascade a pixel.",
-        "time, five over three",
-        "at most 0.6",
-        Rule(0.0, 0.6),
-        claim_times.more_cascades_cost,
-        "WHY",
-        timed=True,
-    ),
-    Claim(
-        "vsm-no-cheaper",
-        "Variance maps are no cheaper than good PCF for large outdoor cascades",
-        "[Stone]",
-        'their "performance was only equal" to eight Poisson taps.',
-        "time of a whole frame with `filter=vsm` over that with compares under a kernel as wide, "
-        f"outdoors. Beside it the errors against a sun of {claim_times.SUN_DISC}°.",
-        "time, variance over compares",
-        "at least 0.95",
-        Rule(0.95, math.inf),
-        claim_times.variance_maps,
-        "WHY",
-        timed=True,
-    ),
-    Claim(
-        "splits-uniform",
-        "Practical splits beat uniform ones",
-        "[Zhang2006], [Zhang2009]",
-        'the practical scheme "provides a practical solution".',
-        "error with `split=practical` (λ = 0.5) over that with `uniform`, 4 x 1024²; each view with its "
-        "own near plane and with one at half the depth of the nearest receivers.",
-        "error, practical over uniform",
-        "at most 0.95",
-        BETTER,
-        claim_measures.splits_uniform,
-        "WHY",
-    ),
-    Claim(
-        "splits-logarithmic",
-        "Practical splits beat logarithmic ones",
-        "[Zhang2006], [Zhang2009]",
-        "the same; logarithmic splits are optimal in theory and too short near the eye.",
-        "error with `split=practical` (λ = 0.5) over that with `logarithmic`, the same views. The "
-        "condition, refined after a trial run: logarithmic cascades that end before the nearest "
-        "hundredth of the receivers.",
-        "error, practical over logarithmic",
-        "at most 0.95",
-        BETTER,
-        claim_measures.splits_logarithmic,
-        "WHY",
-    ),
-    Claim(
-        "map-selection",
-        "Selection by map gains most when light and view are parallel",
-        "[Zhang2009] 4.1, [MSDN]",
-        'interval selection is not optimal "once the light becomes almost parallel" to the view.',
-        "how much finer texels are under `select=map` than under `interval`, in levels (log2), mean over "
-        "all that is seen; light 5° from the view less light 85° from it. 30° and 60° lie between, in the "
-        "JSON with the ratios of the errors.",
-        "levels gained, 5° less 85°",
-        "at least 0.1 levels more",
-        Rule(0.1, math.inf, "difference"),
-        claim_measures.map_selection,
-        "WHY",
-    ),
-    Claim(
-        "warping",
-        "Warping with partitioning beats larger maps",
-        "[Lloyd2006] as it is commonly cited",
-        "a warp in each cascade lowers the error more than texels do. We read it in the paper's own "
-        "measure too, the coarsest texels.",
-        "LiSPSM in each of 4 x 512² over maps of four times the texels without warp, 4 x 1024² and "
-        "1 x 2048², box fits, not snapped, near plane at half the depth of the nearest receivers: mean "
-        f"error, and the length of texels in pixels that {100 - claim_measures.COARSEST} % of the "
-        "receivers exceed.",
-        "warped over larger",
-        "at most 0.95",
-        BETTER,
-        claim_measures.warping,
-        "WHY",
-    ),
-    Claim(
-        "light-bleeding",
-        "Light bleeding falls with resolution",
-        "[MSDN]",
-        'bleeding of variance maps is "lessened by using higher resolution textures".',
-        "light leaks (the cause of `csm.compare`) of 4 x 1024² over those of 4 x 512², `filter=vsm`: with "
-        "3 x 3 texels both times, and with a kernel as wide in metres (7 x 7 at 1024, as bilinear lookups "
-        "add a texel).",
-        "leak, 1024² over 512²",
-        "at most 0.9",
-        Rule(0.0, 0.9),
-        claim_filters.light_bleeding,
-        "WHY",
-    ),
-    Claim(
-        "sixteen-bits",
-        "16-bit depths need the quantum's bias and no more",
-        "[theomader]; csm's closed form",
-        'fewer bits have a "high quantization error" that bias hides; in closed form half a quantum does.',
-        "the least of 0, ¼, ½, 1 and 2 quanta of constant bias with which a D16 map shows no more acne "
-        "than a D32F one without (receiver plane and a quarter texel of slope in both; one map of 2048²), "
-        "in the scene's depth range and in one 16 times as long. The condition, refined after a trial "
-        "run: on how many receivers half a quantum exceeds the slope's bias.",
-        "quanta needed",
-        "¼ to 1 in four fifths of the cases",
-        Rule(0.25, 1.0, "range"),
-        claim_filters.sixteen_bits,
-        "WHY",
-    ),
-    Claim(
-        "seams",
-        "One cascade a quad, or analytic gradients, remove the seam",
-        "[Zhang2009] 4.1 (PSVSM), [MSDN]",
-        'the method of PSVSM "solves this problem well"; so do derivatives in light space.',
-        "what `gradients=quad` and `analytic` leave of the error that a seam adds under `hardware`; "
-        "`filter=vsm`, 4 x 1024², selection by interval. What a seam adds is the error of pixels in quads "
-        "of two cascades less that of the same pixels with all splits a tenth farther and a tenth nearer. "
-        "(Pixels beside the seam, the first measure, lie on other surfaces.)",
-        "share of the seam left",
-        "at most 0.2",
-        Rule(-math.inf, 0.2, "difference"),
-        claim_filters.seams,
-        "WHY",
-    ),
-)
 
 
 def machine(renderer, loads):
     """Who measured, and how busy the machine was."""
     info = renderer.info
+    driver = ", ".join(info[name] for name in ("backend", "renderer", "version"))
     return {
-        "driver": f"{info['backend']}: {info['renderer']}, {info['version']}, stage {info['stage']}",
+        "driver": f"{driver}, stage {info['stage']}",
         "machine": f"{platform.machine()}, {len(os.sched_getaffinity(0))} cores",
         "load": " and ".join(f"{load:.1f}" for load in loads),
         "commit": commit() or "no checkout",
@@ -313,7 +98,7 @@ def arguments():
     options.add_argument("--list", action="store_true", help="name the claims and end")
     options.add_argument("--scenes", nargs="+", default=[], metavar="NAME")
     options.add_argument("--folder", default=os.environ.get("CSM_SCENES"), metavar="DIR")
-    options.add_argument("--size", type=csm.arguments.parse_size, default=SIZE, metavar="WxH")
+    options.add_argument("--size", type=parse_size, default=SIZE, metavar="WxH")
     options.add_argument("--backend", default="auto")
     options.add_argument(
         "--label", help="of this machine on the page; its driver's name if left out"

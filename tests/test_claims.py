@@ -22,11 +22,12 @@ import claim_times  # noqa: E402
 import claim_verdicts  # noqa: E402
 import claim_views  # noqa: E402
 import claims  # noqa: E402
+from claim_table import BETTER, CLAIMS  # noqa: E402
 from claim_verdicts import DEPENDS, FAILS, HOLDS, NOT_REPRODUCED, OPEN, REPRODUCED  # noqa: E402
 
 DOCS = ROOT / "docs"
 MEASURED = sorted(DOCS.glob("claims_measured*.json"))
-BY_ID = {claim.id: claim for claim in claims.CLAIMS}
+BY_ID = {claim.id: claim for claim in CLAIMS}
 TINY = (96, 64)
 
 
@@ -78,7 +79,7 @@ def test_every_claim_can_get_every_verdict(name):
 
 
 def test_two_cases_say_nothing():
-    rule = claims.BETTER
+    rule = BETTER
     assert claim_verdicts.judge(planted("few", [0.5, 0.5]), rule).groups[0].status == OPEN
     assert claim_verdicts.judge(planted("enough", [0.5] * 3), rule).groups[0].status == HOLDS
 
@@ -86,12 +87,12 @@ def test_two_cases_say_nothing():
 def test_a_tie_is_no_win():
     """Errors that differ by less than a twentieth do not beat each other."""
     tied = np.linspace(0.97, 1.03, 8)
-    assert claim_verdicts.judge(planted("tied", tied), claims.BETTER).text == NOT_REPRODUCED
+    assert claim_verdicts.judge(planted("tied", tied), BETTER).text == NOT_REPRODUCED
 
 
 def test_the_interval_decides_and_not_the_mean():
     wide = [0.2, 0.3, 1.4, 1.5, 0.9]  # geometric mean 0.66
-    (group,) = claim_verdicts.judge(planted("wide", wide), claims.BETTER).groups
+    (group,) = claim_verdicts.judge(planted("wide", wide), BETTER).groups
     assert group.mean < 0.95 < group.interval[1]
     assert group.status == OPEN
 
@@ -116,9 +117,9 @@ def test_a_range_is_asked_of_every_case():
 @pytest.mark.parametrize("value", [math.nan, math.inf, 0.0, -1.0])
 def test_a_measure_that_fails_is_not_left_out(value):
     with pytest.raises(ValueError, match="case 1"):
-        claim_verdicts.judge(planted("g", [0.5, value, 0.5]), claims.BETTER)
+        claim_verdicts.judge(planted("g", [0.5, value, 0.5]), BETTER)
     with pytest.raises(ValueError, match="no case"):
-        claim_verdicts.judge([], claims.BETTER)
+        claim_verdicts.judge([], BETTER)
 
 
 # -- the page --------------------------------------------------------------------------------------
@@ -131,19 +132,17 @@ def read():
 def test_page_is_made_of_what_was_measured():
     assert MEASURED[0].name == "claims_measured.json"
     written = (DOCS / "claims.md").read_text(encoding="utf-8")
-    again = (
-        "python benchmarks/claims.py --from docs/claims_measured*.json --markdown docs/claims.md"
-    )
-    assert written == claim_page.page(claims.CLAIMS, read()), (
-        f"run: python benchmarks/claims.py {files}"
+    assert written == claim_page.page(CLAIMS, read()), (
+        "run: python benchmarks/claims.py "
+        "--from docs/claims_measured*.json --markdown docs/claims.md"
     )
 
 
 def test_page_has_every_claim_with_its_verdict():
     first = read()[0]
     assert list(first["claims"]) == list(BY_ID)
-    lines = claim_page.overview(claims.CLAIMS, [first]).splitlines()[2:]
-    for claim, line in zip(claims.CLAIMS, lines, strict=True):
+    lines = claim_page.overview(CLAIMS, [first]).splitlines()[2:]
+    for claim, line in zip(CLAIMS, lines, strict=True):
         verdict = claim_page.verdict_of(first, claim)
         assert f"**{verdict.text}**" in line
         assert (verdict.text == DEPENDS) == bool(claim_verdicts.condition(verdict))
@@ -159,12 +158,25 @@ def test_page_follows_the_numbers():
         "label": "planted",
         "claims": {claim.id: [{**row, "value": 1.4} for row in rows]},
     }
-    overview = claim_page.overview(claims.CLAIMS, [first, other])
+    overview = claim_page.overview(CLAIMS, [first, other])
     assert "| planted |" in overview.splitlines()[0]
     (line,) = (one for one in overview.splitlines() if f"#{claim.id})" in one)
     assert line.split("|")[4].strip() == f"**{REPRODUCED}**"
     (line,) = (one for one in overview.splitlines() if "#blend-branching)" in one)
     assert line.split("|")[4].strip() == "not measured"
+
+
+def test_medians_are_taken_place_by_place():
+    rows = [
+        {"times": [1.0, 2.0], "by": {"x": 3.0}, "known": None},
+        {"times": [5.0, 0.0], "by": {"x": 4.0}, "known": 7.0},
+        {"times": [3.0, 1.0], "by": {"x": 5.0}, "known": None},
+    ]
+    cases = [claim_verdicts.Case("c", "g", 1.0, row) for row in rows]
+    measured = {"claims": {"seams": [dataclasses.asdict(case) for case in cases]}}
+    shown = claim_page.details(BY_ID["seams"], measured)
+    assert shown == "- g. times: 3 / 1; by: x 4; known: 7\n"
+    assert claim_page.plain(claim_page.middle([None, None])) == "none"
 
 
 def test_written_json_reads_as_it_was():
@@ -278,6 +290,7 @@ def test_a_blend_without_its_branch_is_the_same_picture(bench, tmp_path):
     )  # fmt: skip
     view = bench.views[0]
     shaders = claim_times.without_branch(tmp_path)
+    assert claim_times.BRANCH not in (shaders / "include/visibility.glsl").read_text()
     with csm.Renderer(shader_dir=shaders, stage=bench.renderer.info["stage"]) as other:
         masks = [
             bench.render(view, settings, outputs=("mask",), renderer=one).mask
