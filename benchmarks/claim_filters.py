@@ -1,7 +1,7 @@
 """What is measured for the claims about filters and formats: a function a claim, Bench to Cases."""
 
 import numpy as np
-from claim_measures import SMALLEST_ERROR
+from claim_measures import is_clear, ratio_of
 from claim_verdicts import Case
 
 import csm
@@ -22,9 +22,10 @@ def light_bleeding(bench):
         for group, kernel in KERNELS.items():
             finer = base.replace(map_size=1024, filter_size=kernel)
             there = bench.report(view, finer).mean["light_leak"]
-            if min(leak, there) > SMALLEST_ERROR:
+            if is_clear((leak, there)):
                 numbers = {"leak at 512": leak, "leak at 1024": there}
-                found.append(Case(view.name, f"kernel of {group}", there / leak, numbers))
+                value = ratio_of(there, leak)
+                found.append(Case(view.name, f"kernel of {group}", value, numbers))
     return found
 
 
@@ -102,7 +103,8 @@ def _acne(bench, view, settings):
 # -- seams -----------------------------------------------------------------------------------------
 
 LEAST_SEAM = 40  # pixels
-LEAST_EXCESS = 1.1  # of the error at a seam without remedy: below there is nothing to remove
+LEAST_EXCESS = 1.1  # error at a seam over that without: below there is nothing to remove
+CLEAR_SEAM = 5e-3  # of error in its pixels, likewise
 MOVED = (1.1, 1 / 1.1)  # splits of the pictures whose seams lie elsewhere
 GRADIENTS = ("hardware", "quad", "analytic")
 
@@ -166,7 +168,8 @@ def seams(bench):
         )
         for view in bench.views:
             added, plain = seam_errors(bench, view, settings)
-            if added and added["hardware"] > (LEAST_EXCESS - 1.0) * plain["hardware"]:
+            least = max((LEAST_EXCESS - 1.0) * plain.get("hardware", 0.0), CLEAR_SEAM)
+            if added and added["hardware"] > least:
                 for name in GRADIENTS[1:]:
                     value = added[name] / added["hardware"]
                     numbers = {"added by the seam": added, "without it": plain}

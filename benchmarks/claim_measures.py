@@ -7,7 +7,19 @@ from claim_views import FAR, at_angle, nearest_depth
 import csm
 
 NONE = 255  # of cascade_index
-SMALLEST_ERROR = 1e-4  # a view with less of an error than this says nothing about it
+# A view whose larger error is below the first is a matter of some fifty pixels, and left out. Less
+# than the second is not a pixel, and counts as that.
+CLEAR_ERROR, LEAST_ERROR = 1e-3, 1e-5
+
+
+def is_clear(errors):
+    """Whether errors are enough for their ratio to mean something."""
+    return max(errors) >= CLEAR_ERROR
+
+
+def ratio_of(one, other):
+    """Of errors that are clear."""
+    return max(one, LEAST_ERROR) / max(other, LEAST_ERROR)
 
 
 def ratio_cases(bench, views, group, one, other):
@@ -21,9 +33,9 @@ def ratio_cases(bench, views, group, one, other):
             bench.error(view, settings(view) if callable(settings) else settings)
             for settings in (one, other)
         )
-        if min(first, second) > SMALLEST_ERROR:
+        if is_clear((first, second)):
             numbers = {"error": first, "error of the other": second}
-            found.append(Case(view.name, group(view), first / second, numbers))
+            found.append(Case(view.name, group(view), ratio_of(first, second), numbers))
     return found
 
 
@@ -207,7 +219,7 @@ def selection_gain(bench, view, fit):
     texel = np.log2(frames[0].cascades.texel_size.max(axis=1))
     levels = [texel[frame.cascade_index[seen]] for frame in frames]
     errors = [csm.compare(frame, bench.truth(view)).mean["total"] for frame in frames]
-    ratio = errors[1] / errors[0] if errors[0] > SMALLEST_ERROR else None
+    ratio = ratio_of(errors[1], errors[0]) if is_clear(errors) else None
     return float((levels[0] - levels[1]).mean()), ratio
 
 
@@ -256,7 +268,7 @@ def warping(bench):
                 errors[name], texels[name] = coarseness(bench, one, settings)
             for what, values in (("mean error", errors), ("coarsest texels", texels)):
                 for other in ("four of 1024²", "one of 2048²"):
-                    if min(errors.values()) > SMALLEST_ERROR:
-                        value = values["warped"] / values[other]
+                    if is_clear(errors.values()):
+                        value = ratio_of(values["warped"], values[other])
                         found.append(Case(one.name, f"{what}, {other}, {lit}", value, values))
     return found
