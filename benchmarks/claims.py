@@ -1,7 +1,7 @@
 """Claims of the sources on cascaded shadow maps, each measured and given a verdict.
 
 ``python benchmarks/claims.py --json FILE`` measures all of them on this machine, ``--only ID`` one
-(again for more), ``--list`` names them. ``--markdown FILE`` writes the page; with ``--from JSON …``
+(again for more; a FILE that is there keeps its others), ``--list`` names them. ``--markdown FILE`` writes the page; with ``--from JSON …``
 it is made from what was measured before, on one machine or several, and nothing is measured. Real
 scenes are taken from ``--folder``, or CSM_SCENES if that is set; ``--scenes NAME …`` takes only
 some. Of a machine other than the first, ``--label`` names the column of the page.
@@ -48,18 +48,22 @@ def measure(claims, options):
     with csm.Renderer(options.backend) as renderer:
         bench = Bench(renderer, options.folder, options.scenes, options.size)
         probe = bench.render(bench.views[0], csm.ShadowSettings(), outputs=("mask",))
+        clock = probe.info["clock"]
         label = options.label or renderer.info["renderer"].split("(")[0].strip()
         scenes = list(dict.fromkeys(view.scene_name for view in bench.views))
         found = {"label": label, "size": list(options.size), "scenes": scenes, "claims": {}}
+        earlier = {}
+        if options.only and options.json and options.json.exists():
+            earlier = json.loads(options.json.read_text(encoding="utf-8"))
         for claim in claims:
             start = time.perf_counter()
             cases = claim.measure(bench)
             verdict = judge(cases, claim.rule)
             found["claims"][claim.id] = [asdict(case) for case in cases]
-            found["machine"] = machine(renderer, [loads[0], os.getloadavg()[0]])
-            found["machine"]["clock"] = probe.info["clock"]
+            found["machine"] = machine(renderer, [loads[0], os.getloadavg()[0]]) | {"clock": clock}
             if options.json:
-                options.json.write_text(to_json(found), encoding="utf-8")
+                together = joined(earlier, found) if earlier else found
+                options.json.write_text(to_json(together), encoding="utf-8")
             note(f"{claim.id}: {verdict.text} ({time.perf_counter() - start:.0f} s)")
             print(f"{claim.title}: {verdict.text}. {condition(verdict)}")
             for group in verdict.groups:
@@ -67,6 +71,23 @@ def measure(claims, options):
                     f"    {group.status:5} {group.mean:8.3f}  {group.count:3} cases  {group.name}"
                 )
     return found
+
+
+def joined(earlier, found):
+    """What a file has of other claims with what was measured now, if the same machine did both."""
+    for name in ("size", "scenes", "label"):
+        if earlier[name] != found[name]:
+            raise SystemExit(f"the file has {name} {earlier[name]}, now it is {found[name]}")
+    old, new = earlier["machine"], found["machine"]
+    for name in ("driver", "machine", "commit", "clock"):
+        if old[name] != new[name]:
+            raise SystemExit(
+                f"the file was measured with {name} {old[name]}, now it is {new[name]}"
+            )
+    both = earlier["claims"] | found["claims"]
+    order = [claim.id for claim in CLAIMS if claim.id in both]
+    stamps = {name: f"{old[name]}; {new[name]}" for name in ("load", "command", "date")}
+    return found | {"machine": new | stamps, "claims": {name: both[name] for name in order}}
 
 
 def to_json(found):

@@ -191,6 +191,30 @@ def test_written_json_reads_as_it_was():
     }
 
 
+def test_parts_measured_one_by_one_make_one_file():
+    stamp = {"driver": "d", "machine": "m", "commit": "c", "clock": "k", "load": "1", "date": "1",
+             "command": "one"}  # fmt: skip
+    one = {
+        "label": "a",
+        "size": [4, 2],
+        "scenes": ["x"],
+        "machine": stamp,
+        "claims": {"seams": [1]},
+    }
+    now = {**stamp, "load": "2", "command": "two"}
+    other = {**one, "machine": now, "claims": {"splits-uniform": [2]}}
+    both = claims.joined(one, other)
+    assert list(both["claims"]) == ["splits-uniform", "seams"], "in the table's order"
+    assert both["machine"]["load"] == "1; 2"
+    again = claims.joined(both, {**one, "claims": {"seams": [3]}})
+    assert again["claims"]["seams"] == [3]
+    for name in ("driver", "commit"):
+        with pytest.raises(SystemExit, match=name):
+            claims.joined(one, {**other, "machine": {**now, name: "else"}})
+    with pytest.raises(SystemExit, match="scenes"):
+        claims.joined(one, {**other, "scenes": ["y"]})
+
+
 # -- measured again --------------------------------------------------------------------------------
 
 
