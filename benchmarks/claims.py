@@ -1,10 +1,10 @@
 """Claims of the sources on cascaded shadow maps, each measured and given a verdict.
 
 ``python benchmarks/claims.py --json FILE`` measures all of them on this machine, ``--only ID`` one
-(again for more; a FILE that is there keeps its others), ``--list`` names them. ``--markdown FILE`` writes the page; with ``--from JSON …``
-it is made from what was measured before, on one machine or several, and nothing is measured. Real
-scenes are taken from ``--folder``, or CSM_SCENES if that is set; ``--scenes NAME …`` takes only
-some. Of a machine other than the first, ``--label`` names the column of the page.
+(again for more; a FILE that is there keeps its others), ``--list`` names them. ``--markdown FILE``
+writes the page; with ``--from JSON …`` it is made from what was measured before, on one machine or
+several, and nothing is measured. Real scenes are taken from ``--folder``, or CSM_SCENES if that is
+set; ``--scenes NAME …`` takes only some. ``--label`` names the machine on the page.
 """
 
 import argparse
