@@ -45,6 +45,7 @@ def machine(renderer, loads):
 def measure(claims, options):
     """Measure claims; the file is written after each, so that nothing is lost."""
     loads = [os.getloadavg()[0]]
+    commit()  # what is loaded now: it is remembered, whatever is edited meanwhile
     with csm.Renderer(options.backend) as renderer:
         bench = Bench(renderer, options.folder, options.scenes, options.size)
         probe = bench.render(bench.views[0], csm.ShadowSettings(), outputs=("mask",))
