@@ -2,7 +2,7 @@
 
 from statistics import median
 
-from claim_verdicts import DEPENDS, Case, condition, judge
+from claim_verdicts import Case, condition, judge
 
 HEAD = """\
 # Claims of the sources, tested
@@ -72,28 +72,42 @@ def brief(group):
     return f"{number(group.mean)} [{number(low)}, {number(high)}]"
 
 
+def span(verdict):
+    """Means of a verdict's groups, from the least to the largest."""
+    ends = [number(f(group.mean for group in verdict.groups)) for f in (min, max)]
+    return " to ".join(dict.fromkeys(ends))
+
+
+def each(claim, files, text_of):
+    """A text of each machine's verdict; under its name where a claim about time has several."""
+    found = []
+    for measured in files:
+        verdict = verdict_of(measured, claim)
+        if verdict is not None and text_of(verdict):
+            name = f"{measured['label']}: " if claim.timed and len(files) > 1 else ""
+            found.append(name + text_of(verdict))
+    return cell("; ".join(found if claim.timed else found[:1]))
+
+
 def overview(claims, files):
     """One line a claim."""
     names = [measured["label"] for measured in files]
     if len(files) == 1:
         names.append("a GPU")
     lines = [
-        f"| claim | source | {' | '.join(names)} | condition |",
-        "|---|---|" + "---|" * (len(names) + 1),
+        f"| claim | source | {' | '.join(names)} | means of the conditions | condition |",
+        "|---|---|" + "---|" * (len(names) + 2),
     ]
     for claim in claims:
         verdicts = [verdict_of(measured, claim) for measured in files]
         said = [f"**{verdict.text}**" if verdict else "not measured" for verdict in verdicts]
         if len(files) == 1:
             said.append("not measured" if claim.timed else "")
-        conditions = [
-            (f"{name}: " if claim.timed and len(files) > 1 else "") + condition(verdict)
-            for name, verdict in zip(names, verdicts, strict=False)
-            if verdict is not None and verdict.text == DEPENDS
-        ]
-        link = f"[{claim.title}](#{claim.id})"
-        shown = " ".join(dict.fromkeys(conditions))
-        lines.append(f"| {link} | {claim.source} | {' | '.join(said)} | {cell(shown)} |")
+        numbers = f"{claim.value}: {each(claim, files, span)}"
+        lines.append(
+            f"| [{claim.title}](#{claim.id}) | {claim.source} | {' | '.join(said)} | {numbers} | "
+            f"{each(claim, files, condition)} |"
+        )
     return "\n".join(lines) + "\n"
 
 
