@@ -24,7 +24,8 @@ reproduced** if it fails under every one, and else it **depends on** the conditi
   refined, and the measure of seams was replaced, after trial runs on the same scenes: they say so.
 - Errors are those of pixels that face the sun, {size[0]} x {size[1]} (light bleeding 320 x 180).
   Times are medians of frames of 1280 x 720 in turns, and are the driver's: software on a CPU is not
-  a GPU.
+  a GPU. Another machine gets a column of its own by
+  `python benchmarks/claims.py --json docs/claims_measured_NAME.json --label NAME`.
 
 """
 MEASURED_BY = """\

@@ -4,7 +4,8 @@
 (again for more; a FILE that is there keeps its others), ``--list`` names them. ``--markdown FILE``
 writes the page; with ``--from JSON …`` it is made from what was measured before, on one machine or
 several, and nothing is measured. Real scenes are taken from ``--folder``, or CSM_SCENES if that is
-set; ``--scenes NAME …`` takes only some. ``--label`` names the machine on the page.
+set; ``--scenes NAME …`` takes only some. ``--label`` names the machine on the page. The files of
+other machines belong beside the first: ``docs/claims_measured_NAME.json``.
 """
 
 import argparse
@@ -59,6 +60,9 @@ def measure(claims, options):
         for claim in claims:
             start = time.perf_counter()
             cases = claim.measure(bench)
+            if not cases:
+                note(f"{claim.id}: no case, these scenes say nothing about it")
+                continue
             verdict = judge(cases, claim.rule)
             found["claims"][claim.id] = [asdict(case) for case in cases]
             found["machine"] = machine(renderer, [loads[0], os.getloadavg()[0]]) | {"clock": clock}
@@ -140,7 +144,7 @@ def main():
             print(f"{claim.id:22}{claim.title} ({claim.source})")
         return
     if options.files:
-        files = [json.loads(path.read_text(encoding="utf-8")) for path in options.files]
+        files = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(options.files)]
     else:
         files = [measure(claims, options)]
     if options.markdown:
