@@ -19,7 +19,8 @@ reproduced** if it fails under every one, and else it **depends on** the conditi
 - A group **holds** where its mean, and all of the 95 % bootstrap interval of the mean, lie within
   what the claim states; it **fails** where all of that lies outside; anything else, or fewer than
   three cases, is **open**. Means of ratios are geometric. For claims about a range the share of the
-  cases that lie in it decides: four fifths hold, one fifth fails.
+  cases that lie in it decides: four fifths hold, one fifth fails. Cases share scenes, so that an
+  interval speaks of these scenes and not of all there are.
 - Thresholds were written down before the run that is shown. The conditions of four claims were
   refined, and the measure of seams was replaced, after trial runs on the same scenes: they say so.
 - Errors are those of pixels that face the sun, {size[0]} x {size[1]} (light bleeding 320 x 180).

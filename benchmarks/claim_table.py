@@ -96,8 +96,8 @@ CLAIMS = (
         why=(
             "Each pixel looks up two maps instead of one, and chooses two cascades. The more of "
             "the pass is lookups, the nearer that is to twice the time; what all pixels pay "
-            "anyway, reading the receiver and finding its cascade, keeps it below. (One view lies "
-            "above twice: the machine was busy, as its quartiles and load show.)"
+            "anyway, reading the receiver and finding its cascade, keeps it below. (One view "
+            "lies above twice: the machine was busy, as its quartiles and load show.)"
         ),
         timed=True,
     ),
@@ -121,12 +121,11 @@ CLAIMS = (
         rule=BETTER,
         measure=claim_measures.more_cascades_error,
         why=(
-            "Below the bound five maps have coarser texels than three, and more error nearly "
-            "everywhere. Above it they win in most views, by a tenth where the range is only "
-            "little over the bound and by more the deeper it is; thin casters (the fence) prefer "
-            "the larger maps throughout. Stone's game looked hundreds of metres far from the "
-            "player's hands, with splits at 4 m and 100 m that left its second map a ratio of 25 "
-            "to cover."
+            "Below the bound five maps have coarser texels than three, and more error in every "
+            "view. Above it they win in most views with logarithmic splits; with practical ones, "
+            "whose slices are not of equal ratio, they hardly differ. Stone's game looked "
+            "hundreds of metres far from the player's hands, with splits at 4 m and 100 m that "
+            "left its second map a ratio of 25 to cover."
         ),
     ),
     Claim(
@@ -189,9 +188,10 @@ CLAIMS = (
         measure=claim_measures.splits_uniform,
         why=(
             "Where most receivers are near, a uniform first slice gives them all one coarse map. "
-            "The exception is the driver on the long road: range in kilometres, receivers from "
-            "metres on, and a first cascade of hundreds of metres under both schemes. Where the "
-            "picture begins far away, all schemes cut similar slices."
+            "The exceptions look a kilometre and more far, with receivers from a few metres on "
+            "(the driver on the long road, the row of columns): there the first cascade is a "
+            "hundred metres long and more under both schemes, and only a larger λ would help. "
+            "Where the picture begins far away, all schemes cut similar slices."
         ),
     ),
     Claim(
@@ -286,9 +286,9 @@ CLAIMS = (
         why=(
             "The bound leaks where two depths lie under one kernel. With the same texels a finer "
             "map has a kernel of half the width, so that this happens along narrower strips; "
-            "with a kernel of the same metres both maps see the same depths, and what is left of "
-            "the gain differs from scene to scene (thin casters that the coarser map misses). It "
-            "is the kernel that has to get smaller, not the texel."
+            "with a kernel of the same metres both maps see the same depths, and the rest "
+            "differs from scene to scene: other leaks, as of thin casters that a coarse map "
+            "misses, count in it too. It is the kernel that has to get smaller, not the texel."
         ),
     ),
     Claim(
@@ -335,8 +335,8 @@ CLAIMS = (
         rule=Rule(-math.inf, 0.2, "difference"),
         measure=claim_filters.seams,
         why=(
-            "Both remove it, whatever the lookup: what is left lies within what moving the "
-            "splits changes by itself. Quads take one cascade and keep the hardware's "
+            "Both remove it, whatever the lookup: what is left is next to nothing in the mean, "
+            "and of either sign in single views. Quads take one cascade and keep the hardware's "
             "differences, so that their pixels have the error that hardware has elsewhere; "
             "analytic gradients have less of it at edges, too."
         ),
