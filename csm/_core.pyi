@@ -319,6 +319,7 @@ class Renderer:
         points: ArrayLike | None,
         point_normals: ArrayLike | None,
         angular_diameter: float,
+        reuse: int = 0,
         /,
     ) -> _Rendered: ...
     def visibility(
