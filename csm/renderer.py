@@ -7,6 +7,7 @@ import os
 import threading
 import warnings
 import weakref
+from contextlib import contextmanager
 from importlib import resources
 
 import numpy as np
@@ -180,6 +181,18 @@ class Renderer:
         alone.
         """
         self._walk.held = None
+
+    @contextmanager
+    def aside(self):
+        """Context in which the calling thread's frames are no steps of its walk.
+
+        What its last frame before holds, its first frame after gets (see `forget`).
+        """
+        held = getattr(self._walk, "held", None)
+        try:
+            yield self
+        finally:
+            self._walk.held = held
 
     # -- work --------------------------------------------------------------------------------------
 

@@ -690,7 +690,7 @@ size_t csm_cull_list(const csm_geometry *geometry, const csm_cull_volume *volume
 /* What a map holds, of one scene under one set of canonical settings: in this window all of these
  * casters. Others of the scene may be in it too, in parts. */
 typedef struct csm_map_content {
-    int map_size;
+    int map_size, texel_bytes;
     bool snapped;               /* the corner is lattice * texel_size */
     double base_from_world[16]; /* light_from_world of the first cascade: shaders turn its x, y */
     double light_from_world[16];
@@ -767,13 +767,13 @@ size_t csm_items_joined(const uint32_t *one, size_t one_count, const uint32_t *o
 int64_t csm_items_triangles(const csm_geometry *geometry, const uint32_t *items, size_t item_count);
 
 /* Whether copying a map's old part and drawing the rest costs less than drawing all of it, in
- * texels: clearing one costs 1, a copy there and back CSM_SCROLL_COPY, a triangle
- * CSM_SCROLL_TRIANGLE, and each part drawn CSM_SCROLL_PART on top (measured on llvmpipe). */
-#define CSM_SCROLL_COPY 1.0
-#define CSM_SCROLL_TRIANGLE 80.0
-#define CSM_SCROLL_PART 20000.0
-bool csm_scroll_pays(int map_size, const csm_reuse *scroll, int64_t triangles_scrolled,
-                     int64_t triangles_whole);
+ * texels cleared and filled: so many more cost a texel of 4 bytes copied there and back, a
+ * triangle, and a part that is drawn (medians on llvmpipe, docs/recommendation.md). */
+#define CSM_SCROLL_COPY 1.5
+#define CSM_SCROLL_TRIANGLE 300.0
+#define CSM_SCROLL_PART 5e4
+bool csm_scroll_pays(const csm_map_content *wanted, const csm_reuse *scroll,
+                     int64_t triangles_scrolled, int64_t triangles_whole);
 
 /* ------------------------------------------------------------------------------------------------
  * 8. Plan: canonical settings to passes, textures and programs; no GL
@@ -855,6 +855,9 @@ typedef struct csm_plan {
 /* settings must be valid; they are made canonical on a copy. */
 csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
                          csm_plan *out, csm_error *err);
+
+/* Bytes of a texel of a depth format. */
+int csm_depth_bytes(int format);
 
 /* The texture that a map's old part goes through when it is scrolled, for a plan with maps. */
 void csm_plan_add_scroll(const csm_settings *canonical, csm_plan *plan);

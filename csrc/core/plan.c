@@ -196,10 +196,15 @@ typedef struct depth_format {
     int bytes;
 } depth_format;
 
+static const depth_format depth_formats[] = {
+    [CSM_DEPTH_D32F] = {"d32f", 4}, [CSM_DEPTH_D24] = {"d24", 4}, [CSM_DEPTH_D16] = {"d16", 2}};
+
 static const depth_format *depth_format_of(const csm_settings *canonical) {
-    static const depth_format formats[] = {
-        [CSM_DEPTH_D32F] = {"d32f", 4}, [CSM_DEPTH_D24] = {"d24", 4}, [CSM_DEPTH_D16] = {"d16", 2}};
-    return &formats[canonical->effects[CSM_EFFECT_DEPTH_FORMAT]];
+    return &depth_formats[canonical->effects[CSM_EFFECT_DEPTH_FORMAT]];
+}
+
+int csm_depth_bytes(int format) {
+    return depth_formats[format].bytes;
 }
 
 /* Textures of the depths that casters are drawn into. */

@@ -20,6 +20,7 @@ void csm_map_content_make(const csm_cascades *cascades, int cascade, const csm_c
                           const csm_settings *canonical, csm_map_content *out) {
     memset(out, 0, sizeof *out);
     out->map_size = cascades->map_size[cascade];
+    out->texel_bytes = csm_depth_bytes(canonical->effects[CSM_EFFECT_DEPTH_FORMAT]);
     out->snapped = canonical->effects[CSM_EFFECT_SNAP] != CSM_SNAP_NONE;
     memcpy(out->base_from_world, cascades->light_from_world[0], sizeof out->base_from_world);
     memcpy(out->light_from_world, cascades->light_from_world[cascade],
@@ -178,19 +179,20 @@ static void expose(int size, const int shift[2], csm_reuse *out) {
     }
 }
 
-bool csm_scroll_pays(int map_size, const csm_reuse *scroll, int64_t triangles_scrolled,
-                     int64_t triangles_whole) {
-    const double texels = (double)map_size * map_size;
+bool csm_scroll_pays(const csm_map_content *wanted, const csm_reuse *scroll,
+                     int64_t triangles_scrolled, int64_t triangles_whole) {
+    const double texels = (double)wanted->map_size * wanted->map_size;
+    const double copy = CSM_SCROLL_COPY * wanted->texel_bytes / 4.0;
     double exposed = 0.0;
     for (int i = 0; i < scroll->part_count; i++) {
         const csm_reuse_part *part = &scroll->parts[i];
         exposed += part->cleared ? (double)part->width * part->height : 0.0;
     }
     const double whole = texels + CSM_SCROLL_TRIANGLE * (double)triangles_whole + CSM_SCROLL_PART;
-    return CSM_SCROLL_COPY * (texels - exposed) + exposed +
-               CSM_SCROLL_TRIANGLE * (double)triangles_scrolled +
-               CSM_SCROLL_PART * scroll->part_count <
-           whole;
+    const double less = copy * (texels - exposed) + exposed +
+                        CSM_SCROLL_TRIANGLE * (double)triangles_scrolled +
+                        CSM_SCROLL_PART * scroll->part_count;
+    return less < whole;
 }
 
 /* False where drawing everything costs less. */
@@ -212,7 +214,7 @@ static bool scroll(const csm_geometry *geometry, const csm_cascades *cascades, i
     if (missing_count) {
         add_part(out, 0, 0, wanted->map_size, wanted->map_size, false, missing, missing_count);
     }
-    return csm_scroll_pays(wanted->map_size, out, triangles,
+    return csm_scroll_pays(wanted, out, triangles,
                            csm_items_triangles(geometry, wanted->items, wanted->item_count));
 }
 
