@@ -20,8 +20,8 @@ CORE = (
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
-    " uniforms kept_maps pass_view pass_receivers pass_shadow_map pass_shadow_filter pass_shadow_mask"
-    " pass_shadow_forward renderer visibility"
+    " uniforms kept_maps pass_view pass_receivers pass_shadow_map pass_shadow_filter"
+    " pass_shadow_mask pass_shadow_forward renderer visibility"
 )
 PY = (
     "errors arrays scene_arguments core_functions coverage_functions settings_functions"

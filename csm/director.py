@@ -8,110 +8,30 @@ the recommendation is made again where the view has changed, and followed only f
 import math
 import re
 import time
-from dataclasses import dataclass
 
 import numpy as np
 
 from .cascades import check_kinds
+from .director_report import Decision, DirectorReport
 from .errors import ContextError
 from .plans import DEFAULT_OUTPUTS
-from .recommendation import checked_goal, recommend_from
+from .recommendation import checked_goal, is_exact_goal, recommend_from
 from .renderer import Renderer
-from .settings import ShadowSettings
 from .spaces import as_number, as_whole
 from .timing import total_ms
-from .verification import table_html, table_text
 
-__all__ = ["Decision", "Director", "DirectorReport"]
+__all__ = ["Director"]
 
 # Signals have moved enough to be measured again: what any of these changes is what they measure.
 MOVED_SHARE = 0.05  # of the view range, by the camera
 TURNED_DEG = 15.0  # the camera
 SUN_TURNED_DEG = 2.0
 SCENE_FRAMES = 30  # an animated scene is another one in every frame
-# A choice that is only cheaper must be so by this share, so many looks in a row.
+# A choice that is only better must be so by this share, so many looks in a row.
 MARGIN, PATIENCE = 0.1, 2
-
-
-@dataclass(frozen=True)
-class Decision:
-    """One look at the scene.
-
-    Attributes
-    ----------
-    frame : int
-        Number of the frame before which it was taken, from 0.
-    trigger : str
-        What had changed.
-    changed : bool
-        Whether the settings did.
-    reason : str
-        Why they changed, or why they stayed.
-    ms : float
-        That the look took.
-    """
-
-    frame: int
-    trigger: str
-    changed: bool
-    reason: str
-    ms: float
-
-
-class DirectorReport:
-    """What a director did over its frames; prints as a table, a table in Jupyter too.
-
-    Attributes
-    ----------
-    frames : int
-    maps : dict of str to int
-        How many were drawn, kept, added to and scrolled: ``draw``, ``keep``, ``add``, ``scroll``.
-    texels_saved, triangles_saved : int
-        Neither cleared nor drawn, against drawing every map whole.
-    ms_saved : float
-        Estimate: of every map the time it took when it was last drawn whole, less what it took.
-    ms : float
-        Of all frames, without ``readback``.
-    decisions : tuple of Decision
-    """
-
-    def __init__(self, frames, maps, saved, ms, decisions):
-        self.frames = frames
-        self.maps = maps
-        self.texels_saved, self.triangles_saved, self.ms_saved = saved
-        self.ms = ms
-        self.decisions = decisions
-
-    @property
-    def changes(self):
-        """How often the settings changed after the first frame."""
-        return sum(one.changed for one in self.decisions if one.frame)
-
-    def _headline(self):
-        total = sum(self.maps.values())
-        share = 100.0 * (total - self.maps["draw"]) / total if total else 0.0
-        return (
-            f"{self.frames} frames, {self.ms:.0f} ms; {share:.0f} % of {total} maps not drawn "
-            f"whole, {self.ms_saved:.0f} ms saved by estimate"
-        )
-
-    def _rows(self):
-        names = {"draw": "drawn", "keep": "kept", "add": "added to", "scroll": "scrolled"}
-        rows = [(f"maps {word}", f"{self.maps[name]:,}") for name, word in names.items()]
-        rows.append(("texels saved", f"{self.texels_saved:,}"))
-        rows.append(("triangles saved", f"{self.triangles_saved:,}"))
-        for one in self.decisions:
-            what = "changed" if one.changed else "stayed"
-            rows.append(
-                (f"look before frame {one.frame}", f"{what}: {one.reason} ({one.trigger})")
-            )
-        return rows
-
-    def __str__(self):
-        return f"{self._headline()}\n\n{table_text(('', ''), self._rows())}"
-
-    def _repr_html_(self):
-        return f"<p>{self._headline()}</p>{table_html(('', ''), self._rows())}"
+# A choice that misses the goal fewer looks after it was made was made too soon: the next one must
+# meet the goal at both places, and to leave that one takes so many times the looks.
+SOON, RESTRAINT = 10, 4
 
 
 class Director:
@@ -131,13 +51,13 @@ class Director:
     scroll : bool
         Whether a map that moved by whole texels may be scrolled where that is estimated to cost
         less. Its depths then differ from a map drawn whole by the rasteriser's snapping, 1/256
-        texel of slope (docs/numerics.md 32); without it masks are those of `Renderer.render` to the
+        texel of slope (docs/numerics.md 33); without it masks are those of `Renderer.render` to the
         bit.
     margin : float
         Share by which another choice must be better to replace one that meets the goal, 0 to 1:
         cheaper, or, with `budget_ms` alone, more exact.
     patience : int
-        Looks in a row in which it must be.
+        Looks in a row in which it must be; 0: every recommendation is followed.
 
     Attributes
     ----------
@@ -159,9 +79,12 @@ class Director:
     -----
     The recommendation is made again before a frame whose camera has moved by 5 % of the view range,
     turned by 15 degrees or changed its lens since the last look, whose sun has turned by 2 degrees,
-    or, of another scene, every 30 frames. It replaces the held settings at once if they are forecast
-    to miss the goal and it does better, or if the sun has begun to move and asks for other axes;
-    otherwise only if it is better by `margin` in `patience` looks in a row.
+    or, of another scene, every 30 frames. It replaces the held settings at once if those are
+    forecast to miss the goal and it does better, or if the sun has begun to move and asks for other
+    axes; otherwise only if it is better by `margin` in `patience` looks in a row. Settings that
+    miss the goal within 10 looks of their choice give way to the best that are forecast to meet it
+    at both places, and `patience` counts fourfold from then on: a path that goes to and fro across
+    the boundary of two choices does not change them to and fro.
 
     Examples
     --------
@@ -200,13 +123,13 @@ class Director:
         if not isinstance(scroll, bool | np.bool_):
             raise TypeError(f"scroll must be True or False (got {scroll!r})")
         self._margin = as_number("margin", margin, 0.0, 1.0)
-        self._patience = as_whole("patience", patience, 1, 1000)
+        self._patience = as_whole("patience", patience, 0, 1000)
         self._reuse = "scrolled" if scroll else "same"
         self._fixed = settings is not None
         self.scene, self.settings, self.recommendation = scene, settings, None
         self._looked = None  # frame, scene, camera, sun of the last look
         self._sun = None
-        self._streak = 0
+        self._streak, self._wait, self._chosen = 0, self._patience, 0
         self._whole_ms = {}  # (settings, map) -> when it was last drawn whole
         self._decisions = []
         self._maps = dict.fromkeys(("draw", "keep", "add", "scroll"), 0)
@@ -352,19 +275,20 @@ class Director:
         trigger = self._trigger(camera, sun)
         if trigger is None:
             return None
-        sun_moves = self._looked is not None and _angle_deg(
-            sun.to_light, self._looked[3].to_light
-        ) > 0.0
+        sun_moves = (
+            self._looked is not None and _angle_deg(sun.to_light, self._looked[3].to_light) > 0.0
+        )
         start = time.perf_counter()
         with self._renderer.aside():
             found = recommend_from(
                 self._renderer, self.scene, (camera,), (sun,), self._goal, camera_moves=True,
                 sun_moves=sun_moves,
             )  # fmt: skip
-        changed, reason = self._weigh(found)
+        chosen, reason = self._weigh(found)
         ms = 1e3 * (time.perf_counter() - start)
+        changed = chosen is not None
         if changed:
-            self.settings, self._streak = found.settings, 0
+            self.settings, self._streak, self._chosen = chosen, 0, len(self._decisions)
         self.recommendation = found
         self._looked = self._frames, self.scene, camera, sun, _view_range(self.scene, camera)
         decision = Decision(self._frames, trigger, changed, reason, ms)
@@ -372,31 +296,48 @@ class Director:
         return decision
 
     def _weigh(self, found):
-        """Whether a recommendation replaces the held settings, and why."""
+        """Settings that replace the held ones, or None, and why."""
         if self.settings is None:
-            return True, "nothing was held"
+            return found.settings, "nothing was held"
         if found.settings == self.settings:
             self._streak = 0
-            return False, "the same is recommended"
+            return None, "the same is recommended"
+        if not self._patience:
+            return found.settings, "every recommendation is followed"
         held = found.forecast(self.settings)
-        better = _gain(self._goal, held, found)
+        gain = _gain(self._goal, held, found)
         if not held.met:
-            nearer = found.met or better > 0.0
-            return nearer, f"those held miss the goal ({100 * held.error:.2g} %, {held.ms:.3g} ms)"
-        moved = found.signals.sun_moves and found.settings.light_basis != self.settings.light_basis
-        if moved:
-            return True, "the sun has begun to move"
-        self._streak = self._streak + 1 if better > self._margin else 0
-        if self._streak >= self._patience:
-            return True, f"better by {100 * better:.0f} %"
+            return self._after_miss(found, held)
+        axes = found.signals.sun_moves and found.settings.light_basis != self.settings.light_basis
+        if axes:
+            return found.settings, "the sun has begun to move"
+        self._streak = self._streak + 1 if gain > self._margin else 0
+        better = f"better by {100 * gain:.0f} %"
+        if self._streak >= self._wait:
+            return found.settings, better
         if self._streak:
-            return False, f"better by {100 * better:.0f} %, for {self._streak} of {self._patience}"
-        return False, f"those held meet the goal, the new ones are better by {100 * better:.0f} %"
+            return None, f"the new ones are {better}, for {self._streak} looks of {self._wait}"
+        return None, f"those held meet the goal, the new ones are {better}"
+
+    def _after_miss(self, found, held):
+        """What takes the place of settings that miss the goal."""
+        reason = f"those held miss the goal ({100 * held.error:.2g} %, {held.ms:.3g} ms)"
+        soon = len(self._decisions) - self._chosen < SOON
+        self._wait = min(RESTRAINT * self._wait, 10**6) if soon else self._patience
+        both = found.meeting(self.recommendation) if soon and found.met else None
+        if both is not None:
+            return both, reason
+        nearer = found.met or (
+            found.expected_error < held.error
+            if self._goal["budget_ms"] is None
+            else found.expected_ms < held.ms
+        )
+        return (found.settings, reason) if nearer else (None, f"{reason}, as does every other")
 
 
 def _gain(goal, held, found):
     """Share by which what was found is better than what is held, by what the goal minimises."""
-    exact = goal["budget_ms"] is not None and goal["max_error"] is None
+    exact = is_exact_goal(goal)
     was, now = (held.error, found.expected_error) if exact else (held.ms, found.expected_ms)
     return 1.0 - now / was if was > 0.0 else 0.0
 

@@ -171,6 +171,27 @@ class Recommendation(Recorded):
             )
         return self._search
 
+    def meeting(self, *others):
+        """Find the best settings that are forecast to meet the goal here and elsewhere.
+
+        Parameters
+        ----------
+        *others : Recommendation
+            Of the same scene and goal, from other places.
+
+        Returns
+        -------
+        settings : ShadowSettings or None
+            The cheapest, or, with ``budget_ms`` alone, the most exact; None if none does.
+        """
+        good = [
+            one
+            for one in self._measured().candidates(self._model)
+            if all(place.forecast(one.settings).met for place in (self, *others))
+        ]
+        best = _finest if is_exact_goal(self.goal) else _cheapest
+        return min(good, key=best).settings if good else None
+
     def verify(self, *, renderer=None, rays_per_pixel=None, repeats=3):
         """Render everything on, the recommendation, and it with each decision turned round.
 
@@ -382,6 +403,11 @@ def checked_goal(max_error, budget_ms, max_bytes):
         "budget_ms": _goal("budget_ms", budget_ms, 1e-6, 1e9),
         "max_bytes": _goal("max_bytes", max_bytes, 1.0, 1e15),
     }
+
+
+def is_exact_goal(goal):
+    """Whether a goal asks for the least error within a time, not for the least cost."""
+    return goal["budget_ms"] is not None and goal["max_error"] is None
 
 
 def recommend_from(renderer, scene, cameras, suns, goal, **motion):

@@ -684,7 +684,7 @@ size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camer
 size_t csm_cull_list(const csm_geometry *geometry, const csm_cull_volume *volume,
                      const uint32_t *items, size_t item_count, uint32_t *out_items);
 
-/* -- What of an earlier map may be kept (docs/numerics.md 32) -----------------------------------
+/* -- What of an earlier map may be kept (docs/numerics.md 33) -----------------------------------
  */
 
 /* What a map holds, of one scene under one set of canonical settings: in this window all of these

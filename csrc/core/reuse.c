@@ -1,4 +1,4 @@
-/* reuse.c: what of an earlier shadow map may be kept, and what must be drawn (docs/numerics.md 32).
+/* reuse.c: what of an earlier shadow map may be kept, and what must be drawn (docs/numerics.md 33).
  *
  * In: what a map holds, what a frame wants of it. Out: nothing to do, casters to add, a scroll, or
  * all of it. Two maps of one scene under equal settings are equal texel by texel if their matrices
