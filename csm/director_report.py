@@ -49,6 +49,8 @@ class DirectorReport:
     decisions : tuple of Decision
     """
 
+    _HEADS = ("over the path", "")
+
     def __init__(self, frames, maps, saved, ms, decisions):
         self.frames = frames
         self.maps = maps
@@ -80,7 +82,7 @@ class DirectorReport:
         return rows
 
     def __str__(self):
-        return f"{self._headline()}\n\n{table_text(('', ''), self._rows())}"
+        return f"{self._headline()}\n\n{table_text(self._HEADS, self._rows())}"
 
     def _repr_html_(self):
-        return f"<p>{self._headline()}</p>{table_html(('', ''), self._rows())}"
+        return f"<p>{self._headline()}</p>{table_html(self._HEADS, self._rows())}"
