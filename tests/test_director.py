@@ -240,3 +240,6 @@ def test_forecast_of_what_was_recommended_is_its_own(renderer, boundary):
     assert not found[0].forecast(both.replace(map_size=16)).met
     with pytest.raises(TypeError, match="settings must be"):
         found[0].forecast(None)
+    read = csm.Recommendation.from_json(found[0].to_json())
+    with pytest.raises(ValueError, match="read from a file forecasts no other settings"):
+        read.forecast(both)
