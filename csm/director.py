@@ -31,7 +31,7 @@ SCENE_FRAMES = 30  # an animated scene is another one in every frame
 MARGIN, PATIENCE = 0.1, 2
 # A choice that misses the goal fewer looks after it was made was made too soon: the next one must
 # meet the goal at both places, and to leave that one takes so many times the looks.
-SOON, RESTRAINT = 10, 4
+SOON, RESTRAINT = 10, 2
 
 
 class Director:
@@ -83,7 +83,7 @@ class Director:
     forecast to miss the goal and it does better, or if the sun has begun to move and asks for other
     axes; otherwise only if it is better by `margin` in `patience` looks in a row. Settings that
     miss the goal within 10 looks of their choice give way to the best that are forecast to meet it
-    at both places, and `patience` counts fourfold from then on: a path that goes to and fro across
+    at both places, and `patience` counts twofold from then on: a path that goes to and fro across
     the boundary of two choices does not change them to and fro.
 
     Examples
@@ -316,7 +316,7 @@ class Director:
         if self._streak >= self._wait:
             return found.settings, better
         if self._streak:
-            return None, f"the new ones are {better}, for {self._streak} looks of {self._wait}"
+            return None, f"the new ones are {better}, for {self._streak} of {self._wait} looks"
         return None, f"those held meet the goal, the new ones are {better}"
 
     def _after_miss(self, found, held):
