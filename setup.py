@@ -15,13 +15,13 @@ from setuptools.command.build_ext import build_ext
 CORE = (
     "status filters effects cutouts scene hull splits splits_resolution splits_histogram frustum"
     " view_range light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
-    " light_window tetrahedra coverage_slices coverage coverage_move storage bias plan"
+    " reuse light_window tetrahedra coverage_slices coverage coverage_move storage bias plan"
     " shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
-    " uniforms pass_view pass_receivers pass_shadow_map pass_shadow_filter pass_shadow_mask"
-    " pass_shadow_forward renderer visibility"
+    " uniforms kept_maps pass_view pass_receivers pass_shadow_map pass_shadow_filter"
+    " pass_shadow_mask pass_shadow_forward renderer visibility"
 )
 PY = (
     "errors arrays scene_arguments core_functions coverage_functions settings_functions"

@@ -6,6 +6,7 @@ from . import measures, plot, scenes
 from .cascades import Cascades, bias_metres, fit_cascades
 from .check_files import read_check, write_check
 from .checks import CascadeCheck, CheckProblem, check_cascades
+from .director import Director
 from .errors import ContextError, CsmError, GLError, GLWarning, LimitError, ShaderError
 from .export import Exported, export_settings
 from .frame import Frame, Visibility
@@ -31,6 +32,7 @@ __all__ = [
     "CheckProblem",
     "ContextError",
     "CsmError",
+    "Director",
     "ErrorReport",
     "Exported",
     "FlickerReport",

@@ -5,7 +5,7 @@ read by attribute, so anything with the fields of `csm.Camera` and `csm.ShadowSe
 Bounds are (2, 3) or (6,): min, max [m].
 """
 
-from typing import Any, Literal, Protocol, TypedDict, final
+from typing import Any, Literal, NotRequired, Protocol, TypedDict, final
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -144,6 +144,9 @@ class _Lists(TypedDict):
     timings_ms: dict[str, float]
     chunks_drawn: list[int]
     triangles_drawn: list[int]
+    chunks_in_finer: list[int]
+    # with reuse: action, shift along u and v, texels saved, triangles saved
+    reuse: NotRequired[list[tuple[str, int, int, int, int]]]
 
 class _Rendered(TypedDict):
     cascades: _Cascades
@@ -319,6 +322,7 @@ class Renderer:
         points: ArrayLike | None,
         point_normals: ArrayLike | None,
         angular_diameter: float,
+        reuse: int = 0,
         /,
     ) -> _Rendered: ...
     def visibility(

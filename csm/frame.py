@@ -72,7 +72,10 @@ class Frame:
         Driver, back end, clock of the timings, bytes, programs, canonical settings, culling:
         ``chunks_drawn`` and ``triangles_drawn`` per cascade, ``chunks_culled`` and, of those,
         ``chunks_culled_exclusive``, what exclusive culling alone left out. ``bias`` is
-        `csm.bias_metres` of the frame: what its biases are in metres, a dict per cascade.
+        `csm.bias_metres` of the frame: what its biases are in metres, a dict per cascade. Where
+        maps may be reused, ``reuse`` is a dict per map: ``action`` (draw, keep, add, scroll),
+        ``shift`` of the window [texels], and what was spared: ``texels_saved``,
+        ``triangles_saved``.
 
     Raises
     ------

@@ -69,6 +69,23 @@ class Reasons(tuple):
         return table_html(self._HEADS, self._rows())
 
 
+@dataclass(frozen=True)
+class Forecast:
+    """What `Recommendation.forecast` expects of settings.
+
+    Attributes
+    ----------
+    error : float
+    ms : float
+    met : bool
+        Whether that is on the goal's side.
+    """
+
+    error: float
+    ms: float
+    met: bool
+
+
 @dataclass(frozen=True, eq=False)
 class Recommendation(Recorded):
     """What `recommend` found. Prints as a short table; a table in Jupyter, too.
@@ -119,6 +136,61 @@ class Recommendation(Recorded):
     scene: Scene | None = field(repr=False)
     path: tuple = field(repr=False)
     scene_mark: dict | None = field(default=None, repr=False)
+    _search: object = field(default=None, repr=False)
+    _model: CostModel | None = field(default=None, repr=False)
+
+    def forecast(self, settings):
+        """What the same signals let expect of other settings; nothing is rendered.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+
+        Returns
+        -------
+        forecast : Forecast
+            Error and milliseconds as `expected_error` and `expected_ms`, and whether the goal is
+            met: with neither goal that of the knee.
+
+        Raises
+        ------
+        TypeError
+            If `settings` are none.
+        ValueError
+            If it was read from a file, which holds no coarse pictures.
+        """
+        check_kinds(settings=settings)
+        return self._measured().forecast(settings, self._model)
+
+    def _measured(self):
+        """Return the search over what was measured."""
+        if self._search is None:
+            raise ValueError(
+                "a recommendation that was read from a file forecasts no other settings: it holds "
+                "no coarse pictures; call csm.recommend again"
+            )
+        return self._search
+
+    def meeting(self, *others):
+        """Find the best settings that are forecast to meet the goal here and elsewhere.
+
+        Parameters
+        ----------
+        *others : Recommendation
+            Of the same scene and goal, from other places.
+
+        Returns
+        -------
+        settings : ShadowSettings or None
+            The cheapest, or, with ``budget_ms`` alone, the most exact; None if none does.
+        """
+        good = [
+            one
+            for one in self._measured().candidates(self._model)
+            if all(place.forecast(one.settings).met for place in (self, *others))
+        ]
+        best = _finest if is_exact_goal(self.goal) else _cheapest
+        return min(good, key=best).settings if good else None
 
     def verify(self, *, renderer=None, rays_per_pixel=None, repeats=3):
         """Render everything on, the recommendation, and it with each decision turned round.
@@ -308,24 +380,60 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
     """
     cameras, suns = _path(camera, Camera, "camera"), _path(sun, Sun, "sun")
     check_kinds(scene=scene)
+    goal = checked_goal(max_error, budget_ms, max_bytes)
     if len(cameras) > 1 and len(suns) > 1 and len(cameras) != len(suns):
         raise ValueError(
             f"camera and sun must be as many, or one (got {len(cameras)} and {len(suns)})"
         )
-    goal = {
+    with ExitStack() as stack:
+        renderer = renderer or stack.enter_context(Renderer())
+        return recommend_from(renderer, scene, cameras, suns, goal)
+
+
+def checked_goal(max_error, budget_ms, max_bytes):
+    """Goals of `recommend` as a dict.
+
+    Raises
+    ------
+    TypeError, ValueError
+        If one is no number or out of range.
+    """
+    return {
         "max_error": _goal("max_error", max_error, 0.0, 1.0),
         "budget_ms": _goal("budget_ms", budget_ms, 1e-6, 1e9),
         "max_bytes": _goal("max_bytes", max_bytes, 1.0, 1e15),
     }
-    with ExitStack() as stack:
-        renderer = renderer or stack.enter_context(Renderer())
-        signals = measure_signals(renderer, scene, cameras, suns)
-        search = _Search(signals, scene, goal, renderer.info["max_texture_size"])
-        model = CostModel()
-        if goal["budget_ms"] is not None:
-            chosen, model = _within_budget(renderer, scene, search)
-        else:
-            chosen = search.choose(model)
+
+
+def is_exact_goal(goal):
+    """Whether a goal asks for the least error within a time, not for the least cost."""
+    return goal["budget_ms"] is not None and goal["max_error"] is None
+
+
+def recommend_from(renderer, scene, cameras, suns, goal, **motion):
+    """Recommend what `recommend` does, from checked arguments.
+
+    Parameters
+    ----------
+    renderer : Renderer
+    scene : Scene
+    cameras, suns : tuple of Camera, tuple of Sun
+    goal : dict
+        From `checked_goal`.
+    **motion
+        ``camera_moves``, ``sun_moves``: what is known of them beyond the views given.
+
+    Returns
+    -------
+    recommendation : Recommendation
+    """
+    signals = replace(measure_signals(renderer, scene, cameras, suns), **motion)
+    search = _Search(signals, scene, goal, renderer.info["max_texture_size"])
+    model = CostModel()
+    if goal["budget_ms"] is not None:
+        chosen, model = _within_budget(renderer, scene, search)
+    else:
+        chosen = search.choose(model)
     return _report(search, chosen, model, scene, (cameras, suns), goal)
 
 
@@ -395,11 +503,29 @@ class _Search:
             return min(affordable, key=_finest)
         called_for = every[0].settings.filter
         affordable = [c for c in affordable if c.settings.filter == called_for]
-        full = everything_on(self.signals.views[0].sun).replace(filter=called_for)
-        full = self.forecaster.error(full)
-        enough = max(full + KNEE_PIXELS, (1.0 + KNEE_SHARE) * full)
+        enough = self._enough(called_for)
         good = [c for c in affordable if c.error <= enough]
         return min(good, key=_cheapest) if good else min(affordable, key=_finest)
+
+    def _enough(self, called_for):
+        """Error at the knee, under the filter that is called for."""
+        full = everything_on(self.signals.views[0].sun).replace(filter=called_for)
+        full = self.forecaster.error(full)
+        return max(full + KNEE_PIXELS, (1.0 + KNEE_SHARE) * full)
+
+    def forecast(self, settings, model):
+        """Error and cost of any settings, and whether they meet the goal."""
+        error = float(self.forecaster.error(settings))
+        ms = float(forecast_cost(settings, self.signals, model))
+        limit, budget = self.goal["max_error"], self.goal["budget_ms"]
+        if limit is None and budget is None:
+            limit = self._enough(self._all_settings()[0].filter)
+        met = (
+            (limit is None or error <= limit)
+            and (budget is None or ms <= budget)
+            and map_bytes(settings) <= (self.goal["max_bytes"] or math.inf)
+        )
+        return Forecast(error, ms, met)
 
     def _arranged(self, count):
         """Settings for so many cascades, with the splits and axes that the forecast likes best."""
@@ -503,6 +629,8 @@ def _report(search, chosen, model, scene, path, goal):
         texels=tuple(fitted.texel_size.max(axis=1).tolist()),
         scene=scene,
         path=path,
+        _search=search,
+        _model=model,
     )
 
 

@@ -7,6 +7,7 @@ import os
 import threading
 import warnings
 import weakref
+from contextlib import contextmanager
 from importlib import resources
 
 import numpy as np
@@ -29,6 +30,8 @@ log = logging.getLogger("csm.gl")
 NVIDIA_RECOMPILED = 131218
 
 INSTALL_HINT = "install libegl1 and libgl1-mesa-dri, or libosmesa6"
+
+REUSE = ("never", "same", "scrolled")  # as CSM_REUSE_MAPS_* in csm.h
 
 # A view range is held only from one frame of a walk to the next: between cameras further apart than
 # this a frame must not depend on what was rendered before it.
@@ -179,6 +182,18 @@ class Renderer:
         """
         self._walk.held = None
 
+    @contextmanager
+    def aside(self):
+        """Context in which the calling thread's frames are no steps of its walk.
+
+        What its last frame before holds, its first frame after gets (see `forget`).
+        """
+        held = getattr(self._walk, "held", None)
+        try:
+            yield self
+        finally:
+            self._walk.held = held
+
     # -- work --------------------------------------------------------------------------------------
 
     def render(
@@ -192,6 +207,7 @@ class Renderer:
         out=None,
         points=None,
         point_normals=None,
+        reuse="never",
     ):
         """Shadow maps and the camera's shadow mask.
 
@@ -215,6 +231,14 @@ class Renderer:
             them a point is biased, and dark when it does not face the sun, as a pixel is. Without
             them every point is biased as if tilted 45 degrees to the light: steeper surfaces then
             shadow themselves (29 % of the points under a sun at 3 degrees, 0.2 % with normals).
+        reuse : {"never", "same", "scrolled"}
+            What of the maps of the renderer's last render may serve again, if that was one that
+            allowed it, of the same scene with the same settings (docs/numerics.md 33). ``"same"``:
+            maps whose matrices did not change are kept, and casters that they lack are drawn into
+            them; the mask is the same to the bit. ``"scrolled"``: where a map moved by whole
+            texels, also the part that was drawn before, if that costs less; depths then differ by
+            the rasteriser's snapping. ``info["reuse"]`` says for every map what was done.
+            `Director` does this along a path.
 
         Returns
         -------
@@ -243,6 +267,8 @@ class Renderer:
             points, point_normals = _checked_points(points, point_normals)
         elif point_normals is not None:
             raise ValueError("point_normals must come with points (got no points)")
+        if not isinstance(reuse, str) or reuse not in REUSE:
+            raise ValueError(f"reuse must be one of {', '.join(REUSE)} (got {reuse!r})")
         bits, outputs = output_bits(outputs, points is not None)
         point_count = None if points is None else len(points)
         textures = _core.plan(settings, *camera.size, bits)[1]
@@ -264,6 +290,7 @@ class Renderer:
                     points,
                     point_normals,
                     math.radians(sun.angular_diameter_deg),
+                    REUSE.index(reuse),
                 )
             except ShaderError as error:
                 # every mesh of a scene has an instance: more of them, and one is drawn again
@@ -383,6 +410,7 @@ class Renderer:
             "chunks_culled": [result["chunks"] - drawn for drawn in lists["chunks_drawn"]],
             "chunks_culled_exclusive": lists["chunks_in_finer"],
             "triangles_drawn": lists["triangles_drawn"],
+            **{name: _map_reuse(lists[name]) for name in ("reuse",) if name in lists},
         }
 
     def _uploaded(self, core, scene):
@@ -431,6 +459,11 @@ class Renderer:
             elif number not in self._warned:
                 self._warned.add(number)
                 warnings.warn(text, GLWarning, stacklevel=3)
+
+
+def _map_reuse(rows):
+    names = ("action", "shift", "texels_saved", "triangles_saved")
+    return [dict(zip(names, (row[0], row[1:3], *row[3:]), strict=True)) for row in rows]
 
 
 def _checked_points(points, normals, name="point_normals"):

@@ -680,6 +680,101 @@ size_t csm_cull_items(const csm_geometry *geometry, const csm_cull_volume *volum
 size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camera,
                            uint32_t *out_items);
 
+/* Of a list the items whose box meets the volume, whatever finer rectangles hold. */
+size_t csm_cull_list(const csm_geometry *geometry, const csm_cull_volume *volume,
+                     const uint32_t *items, size_t item_count, uint32_t *out_items);
+
+/* -- What of an earlier map may be kept (docs/numerics.md 33) -----------------------------------
+ */
+
+/* What a map holds, of one scene under one set of canonical settings: in this window all of these
+ * casters. Others of the scene may be in it too, in parts. */
+typedef struct csm_map_content {
+    int map_size, texel_bytes;
+    bool snapped;               /* the corner is lattice * texel_size */
+    double base_from_world[16]; /* light_from_world of the first cascade: shaders turn its x, y */
+    double light_from_world[16];
+    double clip_from_light[16];
+    double clip_from_world[16];
+    double texel_size[2], depth_range[2];
+    int64_t lattice[2];
+    csm_warp warp; /* zeros without one, as the eye that warps are relative to */
+    double eye[3];
+    const uint32_t *items; /* ascending */
+    size_t item_count;
+} csm_map_content;
+
+/* Cascade i as fitted, with no items yet. */
+void csm_map_content_make(const csm_cascades *cascades, int cascade, const csm_camera *camera,
+                          const csm_settings *canonical, csm_map_content *out);
+
+/* Whether two canonical settings are equal to the bit. */
+bool csm_settings_equal(const csm_settings *one, const csm_settings *other);
+
+/* DRAW clears and draws everything. KEEP: the same window, and every caster wanted is there. ADD:
+ * the same window, casters are missing, which are drawn over what is there: the nearest depth of a
+ * texel does not depend on the order. SCROLL: the window moved by whole texels; what both hold is
+ * copied, casters are drawn where the window is new, and what was not there everywhere. */
+typedef enum csm_reuse_action {
+    CSM_REUSE_DRAW,
+    CSM_REUSE_KEEP,
+    CSM_REUSE_ADD,
+    CSM_REUSE_SCROLL,
+    CSM_REUSE_COUNT
+} csm_reuse_action;
+
+/* "draw", "keep", "add", "scroll" */
+const char *csm_reuse_name(csm_reuse_action action);
+
+#define CSM_REUSE_PARTS 3
+
+/* A part of a map that is drawn, lower left corner and sides [texels], and what is drawn there. */
+typedef struct csm_reuse_part {
+    int x, y, width, height;
+    bool cleared;
+    const uint32_t *items;
+    size_t item_count;
+} csm_reuse_part;
+
+typedef struct csm_reuse {
+    csm_reuse_action action;
+    int shift[2]; /* of the window, along u and v [texels] */
+    int part_count;
+    csm_reuse_part parts[CSM_REUSE_PARTS];
+} csm_reuse;
+
+/* What is allowed; each bit needs those before it. */
+#define CSM_REUSE_MAY_KEEP 1u
+#define CSM_REUSE_MAY_ADD 2u
+#define CSM_REUSE_MAY_SCROLL 4u
+
+/* What settings allow: depths alone can be added to and scrolled, neither warped nor resolved nor
+ * copied from elsewhere. */
+unsigned csm_reuse_allowed(const csm_settings *canonical, bool scroll);
+
+/* What to do for the map wanted, cascade i as fitted, where another is held (NULL: none), of the
+ * same scene and canonical settings. scratch (room for 4 x the items wanted) holds the items
+ * of the parts. Scrolls where csm_scroll_pays. */
+void csm_reuse_choose(const csm_geometry *geometry, const csm_cascades *cascades, int cascade,
+                      const csm_map_content *held, const csm_map_content *wanted, unsigned allowed,
+                      uint32_t *scratch, csm_reuse *out);
+
+/* Items of both lists, ascending as they are, into out (room for the sum); returns their number. */
+size_t csm_items_joined(const uint32_t *one, size_t one_count, const uint32_t *other,
+                        size_t other_count, uint32_t *out);
+
+/* Triangles of items. */
+int64_t csm_items_triangles(const csm_geometry *geometry, const uint32_t *items, size_t item_count);
+
+/* Whether copying a map's old part and drawing the rest costs less than drawing all of it, in
+ * texels cleared and filled: so many more cost a texel of 4 bytes copied there and back, a
+ * triangle, and a part that is drawn (medians on llvmpipe, docs/recommendation.md). */
+#define CSM_SCROLL_COPY 1.5
+#define CSM_SCROLL_TRIANGLE 300.0
+#define CSM_SCROLL_PART 5e4
+bool csm_scroll_pays(const csm_map_content *wanted, const csm_reuse *scroll,
+                     int64_t triangles_scrolled, int64_t triangles_whole);
+
 /* ------------------------------------------------------------------------------------------------
  * 8. Plan: canonical settings to passes, textures and programs; no GL
  */
@@ -760,6 +855,12 @@ typedef struct csm_plan {
 /* settings must be valid; they are made canonical on a copy. */
 csm_status csm_plan_make(const csm_settings *settings, int width, int height, unsigned outputs,
                          csm_plan *out, csm_error *err);
+
+/* Bytes of a texel of a depth format. */
+int csm_depth_bytes(int format);
+
+/* The texture that a map's old part goes through when it is scrolled, for a plan with maps. */
+void csm_plan_add_scroll(const csm_settings *canonical, csm_plan *plan);
 
 /* Pixels are summed up in runs of a column: their number, and the bytes of what the passes over
  * receivers hand to the fit. */
@@ -864,9 +965,20 @@ typedef struct csm_render_desc {
     const double *points;        /* point_count x 3 world, or NULL */
     const double *point_normals; /* point_count x 3, of unit length, or NULL: unknown */
     size_t point_count;
+    int reuse; /* CSM_REUSE_MAPS_*: what of the last render's maps may serve again */
     csm_stop_callback stop;
     void *stop_user;
 } csm_render_desc;
+
+/* Never; where they are provably the same; also where they moved by whole texels. Maps are held
+ * from a render that may reuse to the next, and forgotten by one that may not. */
+enum { CSM_REUSE_MAPS_NEVER, CSM_REUSE_MAPS_SAME, CSM_REUSE_MAPS_SCROLLED };
+
+typedef struct csm_map_reuse {
+    csm_reuse_action action;
+    int shift[2];
+    int64_t texels_saved, triangles_saved; /* against drawing the map whole */
+} csm_map_reuse;
 
 #define CSM_MAX_TIMINGS 64
 
@@ -893,6 +1005,8 @@ typedef struct csm_render_out {
     int items_drawn[CSM_MAX_CASCADES];
     int items_in_finer[CSM_MAX_CASCADES]; /* left out by exclusive culling alone */
     int64_t triangles_drawn[CSM_MAX_CASCADES];
+    int reused_count; /* 0 where the desc does not allow it, and without maps */
+    csm_map_reuse reused[CSM_MAX_CASCADES];
     int view_items_drawn;
     uint64_t bytes; /* of the plan, and of the buffers of points; scene excluded */
     uint64_t scene_bytes;

@@ -177,6 +177,21 @@ def fresh_renderer():
     assert not complaints
 
 
+@pytest.fixture(scope="session")
+def plain_renderer(gl):
+    """A second renderer for the whole session, that reuses nothing."""
+    with csm.Renderer() as other:
+        yield other
+
+
+@pytest.fixture
+def renderers(renderer, plain_renderer):
+    """`renderer` and `plain_renderer`, both at the beginning of a walk."""
+    for one in (renderer, plain_renderer):
+        one.forget()
+    return renderer, plain_renderer
+
+
 # -- evidence --------------------------------------------------------------------------------------
 
 

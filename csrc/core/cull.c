@@ -229,6 +229,19 @@ size_t csm_cull_items(const csm_geometry *geometry, const csm_cull_volume *volum
     return kept;
 }
 
+size_t csm_cull_list(const csm_geometry *geometry, const csm_cull_volume *volume,
+                     const uint32_t *items, size_t item_count, uint32_t *out_items) {
+    const csm_cull_volume rounded =
+        allow_for_rounding(volume, volume->stretch * box_rounding(geometry->bounds));
+    size_t kept = 0;
+    for (size_t i = 0; i < item_count; i++) {
+        if (csm_cull_keep_box(&rounded, geometry->items[items[i]].bounds)) {
+            out_items[kept++] = items[i];
+        }
+    }
+    return kept;
+}
+
 size_t csm_cull_items_view(const csm_geometry *geometry, const csm_camera *camera,
                            uint32_t *out_items) {
     double planes[CSM_PLANE_COUNT][4];

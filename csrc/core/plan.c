@@ -191,17 +191,28 @@ static void add_samples(csm_plan *plan, const csm_settings *canonical, const cha
     texture->samples = samples;
 }
 
+typedef struct depth_format {
+    const char *name;
+    int bytes;
+} depth_format;
+
+static const depth_format depth_formats[] = {
+    [CSM_DEPTH_D32F] = {"d32f", 4}, [CSM_DEPTH_D24] = {"d24", 4}, [CSM_DEPTH_D16] = {"d16", 2}};
+
+static const depth_format *depth_format_of(const csm_settings *canonical) {
+    return &depth_formats[canonical->effects[CSM_EFFECT_DEPTH_FORMAT]];
+}
+
+int csm_depth_bytes(int format) {
+    return depth_formats[format].bytes;
+}
+
 /* Textures of the depths that casters are drawn into. */
 static void add_map_textures(csm_plan *plan, const csm_settings *canonical) {
-    static const struct {
-        const char *name;
-        int bytes;
-    } formats[] = {
-        [CSM_DEPTH_D32F] = {"d32f", 4}, [CSM_DEPTH_D24] = {"d24", 4}, [CSM_DEPTH_D16] = {"d16", 2}};
     const int *effects = canonical->effects;
     const int count = effects[CSM_EFFECT_CASCADE_COUNT];
-    const char *format = formats[effects[CSM_EFFECT_DEPTH_FORMAT]].name;
-    const int bytes = formats[effects[CSM_EFFECT_DEPTH_FORMAT]].bytes;
+    const char *format = depth_format_of(canonical)->name;
+    const int bytes = depth_format_of(canonical)->bytes;
     const bool kept = (plan->outputs & CSM_OUT_SHADOW_MAPS) ||
                       csm_settings_moments(canonical).kind == CSM_LOOKS_AT_DEPTHS;
     csm_place places[CSM_MAX_CASCADES];
@@ -239,6 +250,15 @@ static void add_map_textures(csm_plan *plan, const csm_settings *canonical) {
         add_texture(plan, "shadow_maps", format, size[0], size[1], kept ? count : 1, bytes)->kind =
             CSM_TEXTURE_ARRAY;
     }
+}
+
+void csm_plan_add_scroll(const csm_settings *canonical, csm_plan *plan) {
+    int size = 0;
+    for (int i = 0; i < canonical->effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
+        size = canonical->map_size[i] > size ? canonical->map_size[i] : size;
+    }
+    const depth_format *format = depth_format_of(canonical);
+    add_texture(plan, "shadow_scroll", format->name, size, size, 1, format->bytes);
 }
 
 static int level_count(int size) {

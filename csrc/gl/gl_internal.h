@@ -101,6 +101,7 @@ enum {
     CSM_TARGET_SEPARATE, /* first of as many as there are cascades */
     CSM_TARGET_SHADOW_TILE = CSM_TARGET_SEPARATE + CSM_MAX_CASCADES,
     CSM_TARGET_SHADOW_SAMPLES,
+    CSM_TARGET_SHADOW_SCROLL,
     CSM_TARGET_MOMENTS,
     CSM_TARGET_MOMENTS_BETWEEN,
     CSM_TARGET_COUNT
@@ -235,6 +236,25 @@ typedef struct csm_last_render {
     csm_frame_uniforms uniforms;
 } csm_last_render;
 
+/* -- kept_maps.c ----------------------------------------------------------------------------------
+ */
+
+/* What the maps in the targets hold, from a render that may reuse them to the next. */
+typedef struct csm_kept_maps {
+    const csm_gpu_scene *scene;
+    csm_settings settings; /* canonical */
+    bool held[CSM_MAX_CASCADES];
+    csm_map_content content[CSM_MAX_CASCADES];
+    uint32_t *items[CSM_MAX_CASCADES]; /* of content */
+} csm_kept_maps;
+
+/* What a frame does for one of its maps. */
+typedef struct csm_map_work {
+    csm_map_content wanted;
+    csm_reuse reuse;
+    uint32_t *lists; /* items wanted, and those of the parts */
+} csm_map_work;
+
 struct csm_renderer {
     pthread_mutex_t lock;
     pid_t owner; /* a context does not survive fork */
@@ -259,6 +279,7 @@ struct csm_renderer {
     csm_draw_list draws;
     csm_gpu_scene *scenes;
     csm_last_render last;
+    csm_kept_maps kept;
 };
 
 /* What the passes of one frame share. */
@@ -273,6 +294,7 @@ typedef struct csm_frame {
     csm_moments moments;
     csm_receivers receivers; /* what the passes over the pixels summed up; arrays are mapped */
     csm_frame_uniforms uniforms;
+    csm_map_work *work; /* one per cascade, where maps may be reused and are chosen; else NULL */
 } csm_frame;
 
 /* debug.c */
@@ -341,6 +363,22 @@ csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err);
 csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err);
 csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err);
 csm_status csm_moments_read(csm_frame *frame, int cascade, float *out, csm_error *err);
+
+/* kept_maps.c: nothing is held any more. */
+void csm_kept_forget(csm_renderer *renderer);
+/* Chooses, once cascades are placed, what is drawn of each map. */
+csm_status csm_kept_choose(csm_frame *frame, csm_error *err);
+void csm_kept_finish(csm_frame *frame);
+/* Whether the map of a cascade, and what is made of it, stays as it is. */
+bool csm_kept_whole(const csm_frame *frame, int cascade);
+/* Before a map is touched: nobody knows what is in it. After: it holds what was wanted. */
+void csm_kept_begin(csm_frame *frame, int cascade);
+csm_status csm_kept_note(csm_frame *frame, int cascade, csm_error *err);
+/* Moves the part of a map that the last window holds too. */
+void csm_kept_scroll(csm_frame *frame, int cascade);
+
+/* pass_shadow_map.c: casters of a cascade, ascending, into out_items (room for all). */
+void csm_casters_cull(csm_frame *frame, int cascade, uint32_t *out_items, size_t *out_count);
 
 /* pass_shadow_map.c: attaches the map of a cascade to the map framebuffer; the texture and place
  * casters are drawn into. */

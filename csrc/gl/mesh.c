@@ -168,6 +168,9 @@ void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene) {
     if (renderer->last.scene == scene) {
         renderer->last.scene = NULL;
     }
+    if (renderer->kept.scene == scene) { /* another may get its address */
+        csm_kept_forget(renderer);
+    }
     for (csm_gpu_scene **link = &renderer->scenes; *link; link = &(*link)->next) {
         if (*link == scene) {
             *link = scene->next;

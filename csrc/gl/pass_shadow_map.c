@@ -42,15 +42,10 @@ static void part_mirrored(const csm_geometry *geometry, uint32_t *spare, caster_
     memcpy(casters->items + casters->upright, spare, mirrored * sizeof *spare);
 }
 
-static csm_status cull_casters(csm_frame *frame, int cascade, caster_list *out, csm_error *err) {
+void csm_casters_cull(csm_frame *frame, int cascade, uint32_t *out_items, size_t *out_count) {
     const csm_render_desc *desc = frame->desc;
-    const csm_geometry *geometry = &desc->scene->geometry;
     const csm_settings *settings = &frame->settings;
     csm_cull_volume volume;
-    out->items = malloc(2 * geometry->item_count * sizeof *out->items);
-    if (!out->items) {
-        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to cull cascade %d", cascade);
-    }
     const int mode = settings->effects[CSM_EFFECT_CULL];
     const bool cull = mode != CSM_CULL_NONE;
     const double band = csm_settings_band(settings);
@@ -70,15 +65,9 @@ static csm_status cull_casters(csm_frame *frame, int cascade, caster_list *out, 
                                 &volume);
     }
     size_t in_finer;
-    out->count = csm_cull_items(geometry, cull ? &volume : NULL, out->items, &in_finer);
-    out->upright = out->count;
+    *out_count =
+        csm_cull_items(&desc->scene->geometry, cull ? &volume : NULL, out_items, &in_finer);
     frame->out->items_in_finer[cascade] = (int)in_finer;
-    frame->out->items_drawn[cascade] = 0;
-    frame->out->triangles_drawn[cascade] = 0;
-    if (settings->effects[CSM_EFFECT_CASTER_FACES] != CSM_CASTER_FACES_BOTH) {
-        part_mirrored(geometry, out->items + geometry->item_count, out);
-    }
-    return CSM_OK;
 }
 
 static csm_status fill_draw_list(csm_frame *frame, int cascade, const uint32_t *items, size_t count,
@@ -162,7 +151,6 @@ static void set_state(csm_frame *frame, const csm_place *place) {
     const GladGLContext *gl = &frame->renderer->gl;
     const int *effects = frame->settings.effects;
     const bool reversed = effects[CSM_EFFECT_REVERSED_DEPTH];
-    const float farthest = reversed ? 0.0f : 1.0f;
     const int faces = effects[CSM_EFFECT_CASTER_FACES];
     gl->BindFramebuffer(GL_FRAMEBUFFER, frame->renderer->map_framebuffer);
     gl->Viewport(place->x, place->y, place->size, place->size);
@@ -173,15 +161,18 @@ static void set_state(csm_frame *frame, const csm_place *place) {
         gl->Enable(GL_CULL_FACE);
         gl->CullFace(faces == CSM_CASTER_FACES_FRONT ? GL_BACK : GL_FRONT);
     }
-    /* a map that is a part of its texture is cleared and drawn alone */
-    gl->Scissor(place->x, place->y, place->size, place->size);
-    gl->Enable(GL_SCISSOR_TEST);
-    gl->ClearNamedFramebufferfv(frame->renderer->map_framebuffer, GL_DEPTH, 0, &farthest);
+    gl->Enable(GL_SCISSOR_TEST); /* what is a part of its texture is cleared and drawn alone */
 }
 
-/* Borders of tiles are empty: cleared once a frame, with the whole atlas. */
+/* Borders of tiles are empty: cleared once a frame, with the whole atlas; nothing is drawn there,
+ * so they still are while a tile is kept. */
 static void clear_borders(csm_frame *frame) {
     const GladGLContext *gl = &frame->renderer->gl;
+    for (int i = 0; i < CSM_MAX_CASCADES; i++) {
+        if (frame->renderer->kept.held[i]) {
+            return;
+        }
+    }
     const float farthest = frame->settings.effects[CSM_EFFECT_REVERSED_DEPTH] ? 0.0f : 1.0f;
     csm_map_attach(frame, 0);
     gl->ClearNamedFramebufferfv(frame->renderer->map_framebuffer, GL_DEPTH, 0, &farthest);
@@ -228,26 +219,50 @@ static void reset_state(csm_frame *frame) {
     gl->Disable(GL_CLIP_DISTANCE0);
 }
 
-csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
+/* Casters of a part of the map, by the scissor. */
+static csm_status draw_part(csm_frame *frame, int cascade, const csm_place *place,
+                            const csm_reuse_part *part, const GLuint programs[2], csm_error *err) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    const csm_geometry *geometry = &frame->desc->scene->geometry;
+    const float farthest = frame->settings.effects[CSM_EFFECT_REVERSED_DEPTH] ? 0.0f : 1.0f;
+    const bool sided = frame->settings.effects[CSM_EFFECT_CASTER_FACES] != CSM_CASTER_FACES_BOTH;
+    caster_list casters = {.count = part->item_count, .upright = part->item_count};
+    casters.items = malloc(2 * part->item_count * sizeof *casters.items + 1);
+    if (!casters.items) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to draw cascade %d", cascade);
+    }
+    memcpy(casters.items, part->items, part->item_count * sizeof *casters.items);
+    if (sided) {
+        part_mirrored(geometry, casters.items + part->item_count, &casters);
+    }
+    gl->Scissor(place->x + part->x, place->y + part->y, part->width, part->height);
+    if (part->cleared) {
+        gl->ClearNamedFramebufferfv(frame->renderer->map_framebuffer, GL_DEPTH, 0, &farthest);
+    }
+    gl->FrontFace(GL_CCW);
+    csm_status status = fill_draw_list(frame, cascade, casters.items, casters.upright, err);
+    status = status == CSM_OK ? submit(frame, programs, err) : status;
+    if (status == CSM_OK && casters.upright < casters.count) {
+        gl->FrontFace(GL_CW);
+        status = fill_draw_list(frame, cascade, casters.items + casters.upright,
+                                casters.count - casters.upright, err);
+        status = status == CSM_OK ? submit(frame, programs, err) : status;
+    }
+    free(casters.items);
+    return status;
+}
+
+static csm_status draw_parts(csm_frame *frame, int cascade, const csm_reuse *reuse,
+                             const GLuint programs[2], csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    caster_list casters = {0};
-    GLuint programs[2];
-
-    csm_status status = csm_program_get_drawing(frame, CSM_STEP_SHADOW_MAP, programs, err);
-    if (status == CSM_OK) {
-        status = cull_casters(frame, cascade, &casters, err);
-    }
-    if (status == CSM_OK) {
-        status = fill_draw_list(frame, cascade, casters.items, casters.upright, err);
-    }
-    if (status != CSM_OK) {
-        free(casters.items);
-        return status;
-    }
+    csm_status status = CSM_OK;
     csm_timer_start(renderer);
     if (cascade == 0 && frame->settings.effects[CSM_EFFECT_TILE_BORDER]) {
         clear_borders(frame);
+    }
+    if (reuse->action == CSM_REUSE_SCROLL) {
+        csm_kept_scroll(frame, cascade);
     }
     const csm_place place = attach_target(frame, cascade);
     set_state(frame, &place);
@@ -258,16 +273,41 @@ csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
         }
     }
     set_bias(frame, cascade, programs);
-    status = submit(frame, programs, err);
-    if (status == CSM_OK && casters.upright < casters.count) {
-        gl->FrontFace(GL_CW);
-        status = fill_draw_list(frame, cascade, casters.items + casters.upright,
-                                casters.count - casters.upright, err);
-        status = status == CSM_OK ? submit(frame, programs, err) : status;
+    for (int i = 0; i < reuse->part_count && status == CSM_OK; i++) {
+        status = draw_part(frame, cascade, &place, &reuse->parts[i], programs, err);
     }
-    free(casters.items);
     reset_state(frame);
     copy_to_place(frame, cascade);
     csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MAP, cascade));
     return status;
+}
+
+/* All casters, where nothing may be kept. */
+static csm_status draw_whole_map(csm_frame *frame, int cascade, const GLuint programs[2],
+                                 csm_error *err) {
+    const int size = frame->places[cascade].size;
+    uint32_t *items = malloc(frame->desc->scene->geometry.item_count * sizeof *items);
+    if (!items) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to cull cascade %d", cascade);
+    }
+    csm_reuse whole = {
+        .action = CSM_REUSE_DRAW, .part_count = 1, .parts = {{0, 0, size, size, true, items, 0}}};
+    csm_casters_cull(frame, cascade, items, &whole.parts[0].item_count);
+    const csm_status status = draw_parts(frame, cascade, &whole, programs, err);
+    free(items);
+    return status;
+}
+
+csm_status csm_pass_shadow_map(csm_frame *frame, int cascade, csm_error *err) {
+    GLuint programs[2];
+    csm_kept_begin(frame, cascade);
+    csm_status status = csm_program_get_drawing(frame, CSM_STEP_SHADOW_MAP, programs, err);
+    if (status != CSM_OK) {
+        return status;
+    }
+    if (!frame->work) {
+        return draw_whole_map(frame, cascade, programs, err);
+    }
+    status = draw_parts(frame, cascade, &frame->work[cascade].reuse, programs, err);
+    return status == CSM_OK ? csm_kept_note(frame, cascade, err) : status;
 }

@@ -147,6 +147,7 @@ static void tear_down(csm_renderer *renderer) {
         csm_gpu_scene_destroy(renderer, renderer->scenes);
     }
     csm_targets_drop(renderer);
+    csm_kept_forget(renderer);
     csm_programs_drop(renderer);
     csm_draw_list_drop(renderer);
     csm_buffer_drop(renderer, &renderer->points_in);
@@ -249,6 +250,7 @@ csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err) {
     csm_status status = csm_renderer_enter(renderer, &saved, err);
     if (status == CSM_OK) {
         csm_programs_drop(renderer);
+        csm_kept_forget(renderer);
         csm_renderer_leave(renderer, &saved);
     }
     return status;
@@ -291,10 +293,21 @@ csm_status csm_interrupted(csm_error *err) {
     return csm_fail(err, CSM_ERROR_INTERRUPTED, "%s", csm_status_text(CSM_ERROR_INTERRUPTED));
 }
 
+static bool all_kept(const csm_frame *frame) {
+    bool kept = true;
+    for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
+        kept = kept && csm_kept_whole(frame, i);
+    }
+    return kept;
+}
+
 csm_status csm_frame_run_step(csm_frame *frame, const csm_plan_step *step, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     csm_status status = CSM_OK;
     const char *name = csm_pass_name(step->pass);
+    if (step->cascade >= 0 && csm_kept_whole(frame, step->cascade)) {
+        return CSM_OK;
+    }
     csm_debug_push(renderer, name);
     switch (step->pass) {
     case CSM_STEP_VIEW:
@@ -319,7 +332,7 @@ csm_status csm_frame_run_step(csm_frame *frame, const csm_plan_step *step, csm_e
         status = csm_pass_shadow_sum(frame, step->cascade, err);
         break;
     case CSM_STEP_SHADOW_MIPS:
-        status = csm_pass_shadow_mips(frame, err);
+        status = all_kept(frame) ? CSM_OK : csm_pass_shadow_mips(frame, err);
         break;
     case CSM_STEP_SHADOW_MASK:
         status = csm_pass_shadow_mask(frame, err);
@@ -550,6 +563,10 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
             status = place_cascades(frame, err);
             placed = true;
         }
+        if (status == CSM_OK && frame->desc->reuse && step->pass == CSM_STEP_SHADOW_MAP &&
+            !frame->work) {
+            status = csm_kept_choose(frame, err);
+        }
         if (status == CSM_OK) {
             status = csm_frame_run_step(frame, step, err);
         }
@@ -583,6 +600,13 @@ csm_status csm_frame_plan(csm_frame *frame, unsigned outputs, csm_error *err) {
                          err);
 }
 
+/* Whether maps may be scrolled, which takes a texture more. */
+static bool scrolls(const csm_frame *frame) {
+    const bool wanted = frame->desc->reuse == CSM_REUSE_MAPS_SCROLLED;
+    return has_step(&frame->plan, CSM_STEP_SHADOW_MAP) &&
+           (csm_reuse_allowed(&frame->settings, wanted) & CSM_REUSE_MAY_SCROLL);
+}
+
 csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *desc,
                                csm_render_out *out, csm_error *err) {
     csm_saved_binding saved;
@@ -596,6 +620,9 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
         csm_settings_canonical(&frame.settings);
         status = csm_frame_plan(&frame, desc->outputs, err);
     }
+    if (status == CSM_OK && scrolls(&frame)) {
+        csm_plan_add_scroll(&frame.settings, &frame.plan);
+    }
     if (status == CSM_OK) {
         status = csm_renderer_enter(renderer, &saved, err);
     }
@@ -603,6 +630,10 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
         return status;
     }
     status = render_bound(&frame, err);
+    csm_kept_finish(&frame);
+    if (status != CSM_OK) {
+        csm_kept_forget(renderer); /* moments may not be those of their map */
+    }
     csm_renderer_leave(renderer, &saved);
     return status;
 }

@@ -374,8 +374,32 @@ static PyObject *lists_of(const csm_render_out *out, int cascades) {
                          "triangles_drawn", triangles, "chunks_in_finer", in_finer);
 }
 
-static PyObject *result_of(const csm_render_out *out) {
+/* (action, shift u, shift v, texels saved, triangles saved) of every map; empty without maps. */
+static PyObject *reuse_of(const csm_render_out *out) {
+    PyObject *list = PyList_New(0);
+    for (int i = 0; list && i < out->reused_count; i++) {
+        const csm_map_reuse *one = &out->reused[i];
+        PyObject *row =
+            Py_BuildValue("(siiLL)", csm_reuse_name(one->action), one->shift[0], one->shift[1],
+                          (long long)one->texels_saved, (long long)one->triangles_saved);
+        if (!row || PyList_Append(list, row) < 0) {
+            Py_CLEAR(list);
+        }
+        Py_XDECREF(row);
+    }
+    return list;
+}
+
+static PyObject *result_of(const csm_render_out *out, int reuse) {
     PyObject *lists = lists_of(out, out->cascades.count);
+    PyObject *reused = lists && reuse != CSM_REUSE_MAPS_NEVER ? reuse_of(out) : NULL;
+    if (reused && PyDict_SetItemString(lists, "reuse", reused) < 0) {
+        Py_CLEAR(lists);
+    }
+    Py_XDECREF(reused);
+    if (PyErr_Occurred()) {
+        Py_CLEAR(lists);
+    }
     PyObject *fitted = lists ? csm_py_new_cascades(&out->cascades) : NULL;
     if (!fitted) {
         Py_XDECREF(lists);
@@ -388,10 +412,11 @@ static PyObject *result_of(const csm_render_out *out) {
                          out->programs_compiled);
 }
 
-PyDoc_STRVAR(render_doc,
-             "render(scene, camera, to_light, settings, scene_bounds, held, outputs, arrays, "
-             "points, point_normals, angular_diameter)\n--\n\nFits cascades, runs the plan, fills "
-             "the arrays of the dict.");
+PyDoc_STRVAR(
+    render_doc,
+    "render(scene, camera, to_light, settings, scene_bounds, held, outputs, arrays, "
+    "points, point_normals, angular_diameter, reuse=0)\n--\n\nFits cascades, runs the plan, fills "
+    "the arrays of the dict.");
 
 static PyObject *renderer_render(PyObject *object, PyObject *args) {
     PyObject *capsule, *camera, *to_light, *settings, *bounds, *held, *arrays, *points, *normals;
@@ -402,10 +427,11 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
     csm_status status;
     unsigned outputs;
     double angular_diameter;
+    int reuse = CSM_REUSE_MAPS_NEVER;
     if (!renderer ||
-        !PyArg_ParseTuple(args, "OOOOOOIO!OOd:render", &capsule, &camera, &to_light, &settings,
+        !PyArg_ParseTuple(args, "OOOOOOIO!OOd|i:render", &capsule, &camera, &to_light, &settings,
                           &bounds, &held, &outputs, &PyDict_Type, &arrays, &points, &normals,
-                          &angular_diameter) ||
+                          &angular_diameter, &reuse) ||
         csm_py_parse_fit(camera, to_light, settings, bounds, held, Py_None, Py_None, &fit) < 0) {
         return NULL;
     }
@@ -416,6 +442,7 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
                             .scene_bounds = fit.desc.scene_bounds,
                             .held = fit.desc.held,
                             .outputs = outputs,
+                            .reuse = reuse,
                             .stop = signal_arrived};
     PyArrayObject *point_rows = NULL, *normal_rows = NULL;
     if (!desc.scene) {
@@ -448,7 +475,7 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
     Py_END_ALLOW_THREADS
     Py_XDECREF(point_rows);
     Py_XDECREF(normal_rows);
-    return status == CSM_OK ? result_of(&out) : csm_py_raise(module_of(object), &err);
+    return status == CSM_OK ? result_of(&out, reuse) : csm_py_raise(module_of(object), &err);
 fail:
     Py_XDECREF(point_rows);
     Py_XDECREF(normal_rows);

@@ -1,0 +1,245 @@
+"""Along a path: settings that stay do not flicker, maps that stay are told of and counted."""
+
+from itertools import pairwise
+
+import numpy as np
+import pytest
+import small_scenes
+from paths import SIZE, path, step
+
+import csm
+
+SUN = csm.Sun((0.35, 0.8, 0.5))
+MASK = ("mask",)
+
+
+def view(far_off, size=(160, 90)):
+    """The box of `plane_and_box` from one direction."""
+    eye = far_off * np.array([6, 4.5, 8])
+    return csm.Camera.look_at(eye, (-0.5, 0.6, 0), fov_y_deg=45, far=100, size=size)
+
+
+BOX_SUN = csm.Sun((1, 1, 0))
+
+
+@pytest.fixture(scope="module")
+def boundary(plain_renderer):
+    """Two views of a box, and a largest error between those of one small map at both."""
+    scene, near, far = csm.scenes.plane_and_box(), view(0.68), view(0.85)
+    # the Director asks for a camera in motion, so a path is what it compares with
+    path_to = {"sun": BOX_SUN, "max_error": 1.0, "renderer": plain_renderer}
+    small = csm.recommend(scene, [far, far], **path_to).settings
+    small = small.replace(snap="exact", turned=False)
+    errors = [
+        csm.recommend(scene, [one, one], BOX_SUN, renderer=plain_renderer).forecast(small).error
+        for one in (near, far)
+    ]
+    assert errors[1] < 0.95 * errors[0]
+    return scene, near, far, sum(errors) / 2
+
+
+def changes_on(renderer, boundary, pattern, **more):
+    """How often the settings changed after the first frame; n is the near view, f the far one."""
+    scene, near, far, limit = boundary
+    held = []
+    with csm.Director(scene, max_error=limit, renderer=renderer, **more) as director:
+        for one in pattern:
+            director.render({"n": near, "f": far}[one], BOX_SUN, outputs=MASK)
+            held.append(director.settings)
+        report = director.report()
+    changes = sum(a != b for a, b in pairwise(held))
+    assert report.changes == changes
+    assert all(one.snap == "exact" and not one.turned for one in held), "as for a path"
+    return changes, report
+
+
+@pytest.mark.parametrize("pattern", ["fnfnfnfn", "nfnfnfnf", "fffnnnfffnnn"])
+def test_settings_change_at_most_once_on_a_path_to_and_fro(renderer, boundary, pattern):
+    changes, report = changes_on(renderer, boundary, pattern)
+    assert changes <= 1
+    assert len(report.decisions) >= 4, "the view changed enough to look again"
+
+
+def test_without_hysteresis_they_flicker(renderer, boundary):
+    changes, _ = changes_on(renderer, boundary, "fnfnfnfn", patience=0)
+    assert changes == 7
+
+
+def test_settings_that_miss_the_goal_are_left_and_cheaper_ones_taken_with_patience(
+    renderer, boundary
+):
+    scene, near, _, limit = boundary
+    beyond = [view(k) for k in (0.85, 1.1, 1.4, 1.75)]
+    with csm.Director(scene, max_error=limit, renderer=renderer) as director:
+        for camera in (near, *beyond):
+            director.render(camera, BOX_SUN, outputs=MASK)
+        decisions = director.report().decisions
+        assert [one.changed for one in decisions[:2]] == [True, False]
+        assert any(one.changed for one in decisions[2:])
+        cheap = director.settings
+        director.render(near, BOX_SUN, outputs=MASK)
+        assert "miss the goal" in director.report().decisions[-1].reason
+        assert director.settings != cheap
+        assert director.recommendation.forecast(director.settings).met
+
+
+def test_it_looks_again_only_where_the_view_changed(renderer):
+    scene = csm.scenes.plane_and_box()
+    with csm.Director(scene, renderer=renderer) as director:
+
+        def looked(camera, sun=BOX_SUN):
+            return director.render(camera, sun, outputs=MASK).info["director"]["decision"]
+
+        here = view(1.0)
+        assert looked(here).trigger == "first frame"
+        assert looked(here) is None
+        assert looked(step(here, aside=0.3, turn_deg=3.0)) is None
+        assert "moved" in looked(step(here, aside=4.0)).trigger
+        assert "turned" in looked(step(here, aside=4.0, turn_deg=20.0)).trigger
+        here = step(here, aside=4.0, turn_deg=20.0)
+        assert "lens" in looked(here.replace(far=50.0)).trigger
+        here = here.replace(far=50.0)
+        assert looked(here, csm.Sun((1, 1.01, 0))) is None
+        turned = looked(here, csm.Sun((1, 1.2, 0)))
+        assert "sun" in turned.trigger
+        assert director.settings.light_basis == "world"
+
+
+def test_director_of_fixed_settings_gives_fresh_masks_and_counts(renderers):
+    reusing, plain = renderers
+    scene, settings = small_scenes.copies(200), csm.ShadowSettings(map_size=64)
+    actions, texels, triangles, ms = [], 0, 0, 0.0
+    with csm.Director(scene, settings, renderer=reusing, scroll=False) as director:
+        for camera in path():
+            frame = director.render(camera, SUN, outputs=MASK)
+            fresh = plain.render(scene, camera, SUN, settings, outputs=MASK)
+            assert np.array_equal(frame.mask, fresh.mask)
+            told = frame.info["director"]
+            assert told["decision"] is None
+            actions += told["actions"]
+            assert told["kept"] == [i for i, a in enumerate(told["actions"]) if a == "keep"]
+            drawn = sum(fresh.info["triangles_drawn"]) - told["triangles_saved"]
+            assert drawn == sum(frame.info["triangles_drawn"])
+            kept = told["kept"] + told["added"]
+            assert told["texels_saved"] == len(kept) * 64 * 64
+            texels += told["texels_saved"]
+            triangles += told["triangles_saved"]
+            ms += told["ms_saved"]
+        report = director.report()
+    assert report.maps == {name: actions.count(name) for name in report.maps}
+    assert (report.texels_saved, report.triangles_saved) == (texels, triangles)
+    assert report.ms_saved == pytest.approx(ms)
+    assert report.maps["keep"] >= 12
+    assert report.frames == 11
+    assert f"{report.maps['keep']:,}" in str(report)
+    assert "<table" in report._repr_html_()
+    reusing.render(scene, camera, SUN, settings, outputs=MASK)  # it is not the director's to close
+
+
+def test_what_time_is_saved_is_what_the_map_took(renderer, monkeypatch):
+    scene, settings = small_scenes.soup(), csm.ShadowSettings(map_size=64, filter="vsm")
+    camera = small_scenes.camera(0, size=SIZE)
+    with csm.Director(scene, settings, renderer=renderer) as director:
+        first = director.render(camera, SUN, outputs=MASK)
+        second = director.render(camera, SUN, outputs=MASK)
+    maps = [ms for name, ms in first.timings_ms.items() if name[-1].isdigit()]
+    assert len(maps) == 12  # map, moments and blur of each
+    assert second.info["director"]["ms_saved"] == pytest.approx(sum(maps))
+    assert not [name for name in second.timings_ms if name[-1].isdigit()]
+
+
+def test_animated_scene_is_drawn_anew(renderers):
+    reusing, plain = renderers
+    settings, camera = csm.ShadowSettings(map_size=64), small_scenes.camera(0, size=SIZE)
+    moments = [small_scenes.soup(seed=seed) for seed in (1, 2, 1)]
+    with csm.Director(moments[0], settings, renderer=reusing) as director:
+        for scene in moments:
+            frame = director.render(camera, SUN, scene=scene, outputs=MASK)
+            fresh = plain.render(scene, camera, SUN, settings, outputs=MASK)
+            assert frame.info["director"]["drawn"] == [0, 1, 2, 3]
+            assert np.array_equal(frame.mask, fresh.mask)
+        assert director.render(camera, SUN, outputs=MASK).info["director"]["kept"] == [0, 1, 2, 3]
+
+
+def test_slow_walk_draws_few_maps_whole(renderer):
+    """The case that must win: spheres on their lattice, a camera that walks and turns slowly."""
+    scene = csm.scenes.town(5000)
+    camera = next(iter(scene.cameras.values())).replace(size=SIZE)
+    sun = next(iter(scene.suns.values()))
+    for scroll in (False, True):
+        settings = csm.ShadowSettings(map_size=512)
+        with csm.Director(scene, settings, renderer=renderer, scroll=scroll) as director:
+            director.render(camera, sun, outputs=MASK)
+            drawn = 0
+            for _ in range(20):
+                camera = step(camera, forward=0.02, turn_deg=0.01)
+                frame = director.render(camera, sun, outputs=MASK)
+                drawn += sum(frame.info["triangles_drawn"])
+            report = director.report()
+        assert (report.maps["draw"] - 4) / 80 < (0.05 if scroll else 0.5)
+        assert report.triangles_saved > (10 if scroll else 1) * drawn
+
+
+def test_without_maps_there_is_nothing_to_save(renderer):
+    with csm.Director(
+        small_scenes.soup(), csm.ShadowSettings(filter="none"), renderer=renderer
+    ) as director:
+        frame = director.render(small_scenes.camera(0, size=SIZE), SUN, outputs=MASK)
+        assert frame.info["director"]["actions"] == ()
+        assert director.report().maps == dict.fromkeys(("draw", "keep", "add", "scroll"), 0)
+        assert "0 maps" in str(director.report())
+
+
+def test_director_says_what_is_wrong(renderer):
+    scene, settings = small_scenes.soup(), csm.ShadowSettings()
+    for error, text, arguments in (
+        (TypeError, "scene must be a csm.Scene", {"scene": 1}),
+        (TypeError, "settings must be a csm.ShadowSettings", {"settings": {}}),
+        (ValueError, "settings are fixed.*max_error", {"settings": settings, "max_error": 0.1}),
+        (ValueError, "max_error", {"max_error": 2.0}),
+        (TypeError, "renderer must be a csm.Renderer", {"renderer": 3}),
+        (TypeError, "scroll must be", {"scroll": "yes"}),
+        (ValueError, "margin", {"margin": -1.0}),
+        (ValueError, "patience", {"patience": -1}),
+    ):
+        with pytest.raises(error, match=text):
+            csm.Director(**{"scene": scene, "renderer": renderer} | arguments)
+    camera = small_scenes.camera(0, size=SIZE)
+    with pytest.raises(ValueError, match="reuse must be one of never, same, scrolled"):
+        renderer.render(scene, camera, SUN, reuse="always")
+    director = csm.Director(scene, settings, renderer=renderer)
+    with pytest.raises(TypeError, match="camera must be"):
+        director.render(None, SUN)
+    director.close()
+    director.close()
+    with pytest.raises(csm.ContextError, match="director is closed"):
+        director.render(camera, SUN)
+
+
+def test_director_closes_a_renderer_of_its_own(gl):
+    with csm.Director(small_scenes.soup(), csm.ShadowSettings(map_size=32)) as director:
+        director.render(small_scenes.camera(0, size=SIZE), SUN, outputs=MASK)
+        own = director._renderer
+    with pytest.raises(csm.ContextError, match="closed"):
+        own.render(small_scenes.soup(), small_scenes.camera(0, size=SIZE), SUN)
+
+
+# -- recommendations that it weighs ----------------------------------------------------------------
+
+
+def test_forecast_of_what_was_recommended_is_its_own(renderer, boundary):
+    scene, near, far, limit = boundary
+    found = [csm.recommend(scene, one, BOX_SUN, max_error=limit, renderer=renderer)
+             for one in (near, far)]  # fmt: skip
+    for one in found:
+        assert one.forecast(one.settings).error == one.expected_error
+        assert one.forecast(one.settings).ms == one.expected_ms
+        assert one.forecast(one.settings).met == one.met
+    both = found[0].meeting(found[1])
+    assert all(one.forecast(both).met for one in found)
+    assert not found[0].forecast(both.replace(map_size=16)).met
+    with pytest.raises(TypeError, match="settings must be"):
+        found[0].forecast(None)
+    read = csm.Recommendation.from_json(found[0].to_json())
+    with pytest.raises(ValueError, match="read from a file forecasts no other settings"):
+        read.forecast(both)
