@@ -769,7 +769,7 @@ int64_t csm_items_triangles(const csm_geometry *geometry, const uint32_t *items,
 /* Whether copying a map's old part and drawing the rest costs less than drawing all of it, in
  * texels cleared and filled: so many more cost a texel of 4 bytes copied there and back, a
  * triangle, and a part that is drawn (medians on llvmpipe, docs/recommendation.md). */
-#define CSM_SCROLL_COPY 1.5
+#define CSM_SCROLL_COPY 1.0
 #define CSM_SCROLL_TRIANGLE 300.0
 #define CSM_SCROLL_PART 5e4
 bool csm_scroll_pays(const csm_map_content *wanted, const csm_reuse *scroll,
