@@ -1,16 +1,25 @@
 """What csm.recommend makes of real and made scenes, each of its decisions put to the proof.
 
-``python benchmarks/bench_recommend.py --only denhaag --out rows.jsonl`` appends a line a case, and
-leaves out those that are there already, so it can be run in parts; without ``--only`` all cases of
-the scenes of CSM_SCENES and the made scenes. ``--part 0/4`` takes every fourth pair of a scene's
-cameras and suns. ``--table rows.jsonl`` prints what the lines say. ``--bytes`` compares at equal
-memory over the eleven views of bench_accuracy.py, ``--maps`` one map against four.
+``python benchmarks/bench_recommend.py --json rows.jsonl`` appends a line to the file as each case
+ends and leaves out those that are there already, so that it can be stopped and started again; what
+failed is written down too, and tried again by the next run. All cases are every camera under every
+sun of the scenes of CSM_SCENES and of the made scenes; ``--only denhaag`` takes those with that in
+their name, ``--part 0/4`` every fourth, ``--processes 4`` shares them out (times then mean little).
+``--quick`` renders only everything on and the recommendation: error and time, no decision turned
+round. ``--bytes`` compares at equal memory over the eleven views of bench_accuracy.py, ``--maps``
+one map against four; with ``--json`` they append their lines to that file, too.
+
+benchmarks/recommend_tables.py makes the tables of docs/recommendation.md of such files.
 """
 
 import argparse
 import json
 import os
+import platform
+import subprocess
+import sys
 import time
+import traceback
 from pathlib import Path
 
 import numpy as np
@@ -21,7 +30,8 @@ import csm
 from csm.arguments import parse_size
 from csm.forecasts import Forecaster
 from csm.signals import measure_signals
-from csm.timing import total_ms
+from csm.timing import by_pass, total_ms
+from csm.verification import everything_on, picture_error
 
 MADE = (
     "plane_and_box",
@@ -34,136 +44,209 @@ MADE = (
     "town",
     "demo",
 )
-REPEATS = 2
-SOFT_RAYS = 16
-RELATIVE, ABSOLUTE = 0.05, 5e-4  # how far from everything on
+REPEATS = 3  # frames timed of each flip
+ROUNDS = 5  # of everything on and the recommendation, in turns; medians count
+QUICK_ROUNDS = 3
+SOFT_RAYS, QUICK_RAYS = 16, 4  # of the truth under a sun with a disc
 FOUR = 4 * 2048**2 * 4  # bytes
+OUTPUTS = ("mask", "valid", "cascade_index")
 
 
-def cases(folder, only):
+def scenes(folder):
     """(name, function to the scene) of all scenes."""
     if folder:
         for name, entry in entries(folder).items():
-            if only in name:
-                path = f"{folder}/{entry['file']}"
-                yield name, lambda path=path: load(path)
+            path = f"{folder}/{entry['file']}"
+            yield name, lambda path=path: load(path)
     for name in MADE:
-        if only in name:
-            yield name, csm.scenes.SCENES[name]
+        yield name, csm.scenes.SCENES[name]
+
+
+def case_names(name, scene):
+    """(case, camera, sun) of all pairs of a scene."""
+    return [
+        (f"{name} / {camera} / {sun}", camera, sun)
+        for camera in scene.cameras
+        for sun in scene.suns
+    ]
+
+
+def in_turns(renderer, scene, camera, sun, wanted, rounds):
+    """Passes [ms] and wall time [ms] of settings, taken in turns: lists by name."""
+    passes, wall = ({name: [] for name in wanted} for _ in range(2))
+    for turn in range(rounds):
+        for name in sorted(wanted, reverse=bool(turn % 2)):
+            start = time.perf_counter()
+            frame = renderer.render(scene, camera, sun, wanted[name], outputs=("mask",))
+            wall[name].append(1e3 * (time.perf_counter() - start))
+            passes[name].append(frame.timings_ms)
+    return passes, wall
+
+
+def compared(renderer, scene, camera, sun, found, rounds):
+    """Time of the recommendation beside everything on, and what was forecast."""
+    settings, signals = found.settings, found.signals
+    wanted = {"full": everything_on(sun), "ours": settings}
+    passes, wall = in_turns(renderer, scene, camera, sun, wanted, rounds)
+    total = {name: [total_ms(one) for one in passes[name]] for name in wanted}
+    row = {
+        "settings": settings.canonical().to_dict(),
+        "dark": settings.filter == "none",
+        "forecast": found.expected_error,
+        "forecast_ms": found.expected_ms,
+        "signals": {k: v for k, v in signals.to_dict().items() if not k.startswith("depth_")},
+        "full_ms": float(np.median(total["full"])),
+        "ms": float(np.median(total["ours"])),
+        "full_least_ms": min(total["full"]),
+        "least_ms": min(total["ours"]),
+        "frame_ms": float(np.median(wall["ours"])),
+        "full_bytes": csm.plans.map_bytes(wanted["full"]),
+        "bytes": found.map_bytes,
+    }
+    for name, key in (("full", "full_passes"), ("ours", "passes")):
+        split = [by_pass(one) for one in passes[name]]
+        row[key] = {one: float(np.median([s[one] for s in split])) for one in split[0]}
+    if not row["dark"]:
+        forecaster = Forecaster(signals, scene)
+        row["full_forecast"] = forecaster.error(wanted["full"])
+    return row
+
+
+def analysed(renderer, scene, camera, sun):
+    """The recommendation, and how long a second one took [ms]: the first compiles."""
+    csm.recommend(scene, camera, sun, renderer=renderer)
+    start = time.perf_counter()
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
+    return found, 1e3 * (time.perf_counter() - start)
+
+
+def judge_quickly(renderer, scene, camera, sun):
+    """Error and time of everything on and of the recommendation."""
+    found, analysis = analysed(renderer, scene, camera, sun)
+    soft = sun.angular_diameter_deg > 0.0
+    truth = csm.truth(scene, camera, sun, rays_per_pixel=QUICK_RAYS if soft else 1)
+    errors = {
+        name: picture_error(renderer.render(scene, camera, sun, one, outputs=OUTPUTS), truth)
+        for name, one in (("full_error", everything_on(sun)), ("error", found.settings))
+    }
+    row = compared(renderer, scene, camera, sun, found, QUICK_ROUNDS)
+    return {**errors, "analysis_ms": analysis, **row}
 
 
 def judge(renderer, scene, camera, sun):
-    """One line: how near everything on, at which share of its time, which decisions hold."""
-    csm.recommend(scene, camera, sun, renderer=renderer)  # programs
+    """The same, and which decisions hold when they are turned round."""
+    found, analysis = analysed(renderer, scene, camera, sun)
     soft = sun.angular_diameter_deg > 0.0
-    start = time.perf_counter()
-    found = csm.recommend(scene, camera, sun, renderer=renderer)
-    analysis = 1e3 * (time.perf_counter() - start)
     proof = found.verify(
         renderer=renderer, rays_per_pixel=SOFT_RAYS if soft else 1, repeats=REPEATS
     )
     full, ours = proof.everything_on, proof.recommended
-    times = {"full": [], "ours": []}
-    for _ in range(3):
-        for key, row in (("full", full), ("ours", ours)):
-            start = time.perf_counter()
-            frame = renderer.render(scene, camera, sun, row.settings, outputs=("mask",))
-            times[key].append((total_ms(frame.timings_ms), 1e3 * (time.perf_counter() - start)))
-    ms = {key: np.median([one[0] for one in rows]) for key, rows in times.items()}
-    settings = ours.settings
     return {
-        "count": settings.cascade_count if settings.filter != "none" else 0,
-        "size": settings.map_size,
-        "filter": settings.filter,
-        "format": settings.depth_format,
-        "split": settings.split,
-        "turned": settings.turned,
-        "faces": settings.caster_faces,
-        "snap": settings.snap,
-        "forecast": found.expected_error,
-        "facing": found.signals.facing_share * found.signals.seen_share,
         "full_error": full.error,
         "error": ours.error,
-        "full_ms": ms["full"],
-        "ms": ms["ours"],
-        "full_bytes": full.bytes,
-        "bytes": ours.bytes,
         "analysis_ms": analysis,
-        "frame_ms": float(np.median([one[1] for one in times["ours"]])),
-        "confirmed": sum(row.confirmed for row in proof.decisions),
-        "strict": sum(row.strict for row in proof.decisions),
-        "decisions": len(proof.decisions),
-        "refuted": [f"{row.name}: {row.why}" for row in proof.decisions if not row.confirmed],
+        **compared(renderer, scene, camera, sun, found, ROUNDS),
         "rows": [
-            (row.name, row.taken, row.confirmed, row.strict, row.error) for row in proof.decisions
+            {
+                "effect": row.name,
+                "taken": row.taken,
+                "confirmed": row.confirmed,
+                "strict": row.strict,
+                "error": row.error,
+                "ms": row.ms_least,
+                "why": row.why,
+            }
+            for row in proof.decisions
         ],
+    }
+
+
+def read(path):
+    """Lines of a file by case, later ones instead of earlier ones; {} without a file."""
+    if not path.exists():
+        return {}
+    lines = [json.loads(line) for line in path.read_text().splitlines() if line.strip()]
+    return {line["case"]: line for line in lines if "case" in line}
+
+
+def append(path, line):
+    """Add a line to a file in one piece, whoever else writes to it."""
+    data = (json.dumps(line) + "\n").encode()
+    handle = os.open(path, os.O_WRONLY | os.O_APPEND | os.O_CREAT, 0o644)
+    try:
+        os.write(handle, data)
+    finally:
+        os.close(handle)
+
+
+def machine(renderer):
+    """What ran it, for the tables."""
+    info = renderer.info
+    return {
+        "driver": info["renderer"],
+        "version": info["version"],
+        "cores": os.cpu_count(),
+        "platform": platform.platform(),
+        "csm": csm.__version__,
     }
 
 
 def run(arguments):
     """Append a line a case."""
-    done = set()
-    if arguments.out.exists():
-        done = {json.loads(line)["case"] for line in arguments.out.read_text().splitlines()}
+    done = {case for case, line in read(arguments.json).items() if "failed" not in line}
+    number, judged = -1, judge_quickly if arguments.quick else judge
     with csm.Renderer(arguments.backend) as renderer:
-        for name, make in cases(arguments.scenes, arguments.only):
+        common = {
+            "kind": "quick" if arguments.quick else "full",
+            "size": list(arguments.size),
+            "processes": arguments.of_processes,
+            **machine(renderer),
+        }
+        for name, make in scenes(arguments.scenes):
+            if arguments.only and arguments.only not in name:
+                continue
             scene = make()
-            for i, (camera_name, camera) in enumerate(scene.cameras.items()):
-                for j, (sun_name, sun) in enumerate(scene.suns.items()):
-                    if (i + j) % arguments.part[1] != arguments.part[0]:
-                        continue
-                    case = f"{name} / {camera_name} / {sun_name}"
-                    if case in done:
-                        continue
-                    row = judge(renderer, scene, camera.replace(size=arguments.size), sun)
-                    with arguments.out.open("a") as file:
-                        file.write(json.dumps({"case": case, **row}) + "\n")
-                    note(f"{case}: {row['error']:.5f} of {row['full_error']:.5f}")
+            for case, camera_name, sun_name in case_names(name, scene):
+                number += 1
+                if number % arguments.part[1] != arguments.part[0] or case in done:
+                    continue
+                camera, start = scene.cameras[camera_name], time.perf_counter()
+                try:
+                    row = judged(
+                        renderer, scene, camera.replace(size=arguments.size), scene.suns[sun_name]
+                    )
+                except Exception as error:  # the others go on; what failed is in the file
+                    traceback.print_exc()
+                    row = {"failed": f"{type(error).__name__}: {error}"}
+                row["took_s"] = time.perf_counter() - start
+                append(arguments.json, {"case": case, **common, **row})
+                note(said(case, row))
 
 
-def table(path):
-    """Print the lines as a table, and the goals."""
-    rows = [json.loads(line) for line in path.read_text().splitlines()]
-    print("| case | recommended | error % | everything on % | time | confirmed | misses |")
-    print("|---|---|---|---|---|---|---|")
-    ratios, near, spent = [], [], []
-    for row in sorted(rows, key=lambda row: row["case"]):
-        what = (
-            f"{row['count']} x {row['size']}² {row['format']} {row['filter']}"
-            + (" turned" if row["turned"] else "")
-            + (" sdsm" if row["split"] == "sdsm" else "")
-            + (" back" if row["faces"] == "back" else "")
+def said(case, row):
+    """A line about a case."""
+    if "failed" in row:
+        return f"{case}: failed, {row['failed']}"
+    refuted = [one["effect"] for one in row.get("rows", []) if not one["confirmed"]]
+    return (
+        f"{case}: error {100 * row['error']:.3f} of {100 * row['full_error']:.3f} %, "
+        f"time {row['ms']:.0f} of {row['full_ms']:.0f} ms, {row['took_s']:.1f} s"
+        + (f", refuted {', '.join(refuted)}" if refuted else "")
+    )
+
+
+def share_out(arguments, words):
+    """Run the cases in several processes, each a part of this one's part; their exit status."""
+    k, n = arguments.part
+    jobs = [
+        subprocess.Popen(
+            [sys.executable, __file__, *words, "--processes", "1",
+             "--of-processes", str(arguments.processes),
+             "--part", f"{k + n * i}/{n * arguments.processes}"]
         )
-        if not row["count"]:
-            what = "no shadow maps"
-        good = row["error"] <= max((1 + RELATIVE) * row["full_error"], row["full_error"] + ABSOLUTE)
-        ratios.append(row["ms"] / row["full_ms"])
-        near.append(good)
-        spent.append(row["analysis_ms"] / row["frame_ms"])
-        print(
-            f"| {row['case']} | {what} | {100 * row['error']:.3f} | {100 * row['full_error']:.3f} "
-            f"| {ratios[-1]:.2f} | {row['confirmed']}/{row['decisions']} "
-            f"| {'' if good else 'error'} |"
-        )
-    confirmed, strict, count = (
-        sum(row[key] for row in rows) for key in ("confirmed", "strict", "decisions")
-    )
-    print(f"\n{len(rows)} cases; within 5 % or 0.05 % of everything on: {sum(near)}")
-    print(f"time over everything on: median {np.median(ratios):.2f}")
-    print(
-        f"decisions confirmed: {confirmed} of {count} ({confirmed / count:.1%}); {strict} strictly"
-    )
-    below = np.mean(np.array(spent) < 3)
-    print(
-        f"analysis, in frames of the recommendation: median {np.median(spent):.1f}, "
-        f"at most {max(spent):.1f}, below three in {below:.0%}"
-    )
-    by_effect = {}
-    for row in rows:
-        for name, _, holds, *_ in row["rows"]:
-            by_effect.setdefault(name, []).append(holds)
-    for name, holds in by_effect.items():
-        print(f"  {name:14} {sum(holds)}/{len(holds)}")
+        for i in range(arguments.processes)
+    ]  # fmt: skip
+    return max(job.wait() for job in jobs)
 
 
 def measured(renderer, scene, camera, sun, settings, truth):
@@ -227,26 +310,39 @@ def one_map_or_four(arguments):
                       f"| {seen[0]:.3f} | {seen[1]:.3f} |", flush=True)  # fmt: skip
 
 
+def parse_part(text):
+    """(k, n) from "k/n"."""
+    try:
+        k, n = map(int, text.split("/"))
+    except ValueError:
+        raise argparse.ArgumentTypeError(f"must be K/N (got {text!r})") from None
+    if not 0 <= k < n:
+        raise argparse.ArgumentTypeError(f"must be K/N with 0 <= K < N (got {text!r})")
+    return k, n
+
+
 def main():
     options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     options.add_argument("--scenes", default=os.environ.get("CSM_SCENES"), metavar="DIR")
     options.add_argument("--size", type=parse_size, default=(1280, 720), metavar="WxH")
     options.add_argument("--only", default="", metavar="PART", help="of a scene's name")
-    options.add_argument(
-        "--part", type=lambda text: tuple(map(int, text.split("/"))), default=(0, 1), metavar="K/N"
-    )
-    options.add_argument("--out", type=Path, default=Path("recommend.jsonl"), metavar="FILE")
-    options.add_argument("--table", type=Path, metavar="FILE")
+    options.add_argument("--part", type=parse_part, default=(0, 1), metavar="K/N")
+    options.add_argument("--processes", type=int, default=1, metavar="N")
+    options.add_argument("--of-processes", type=int, default=1, help=argparse.SUPPRESS)
+    options.add_argument("--json", type=Path, default=Path("recommend.jsonl"), metavar="FILE")
+    options.add_argument("--quick", action="store_true", help="no decision is turned round")
     options.add_argument("--bytes", action="store_true")
     options.add_argument("--maps", action="store_true")
     options.add_argument("--backend", default="auto")
     arguments = options.parse_args()
-    if arguments.table:
-        table(arguments.table)
-    elif arguments.bytes:
+    if not arguments.scenes:
+        note("no --scenes and no CSM_SCENES: made scenes only")
+    if arguments.bytes:
         at_equal_bytes(arguments)
     elif arguments.maps:
         one_map_or_four(arguments)
+    elif arguments.processes > 1:
+        sys.exit(share_out(arguments, sys.argv[1:]))
     else:
         run(arguments)
 

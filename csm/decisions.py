@@ -11,11 +11,21 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .caster_sides import BACK_GAIN, FACES_SHARE, best_sides
 from .plans import map_bytes
 from .settings import ShadowSettings
-from .signals import FACES_SHARE
 
-__all__ = ["COUNTS", "TABLE", "Decision", "Reason", "Situation", "wanted_format", "wanted_size"]
+__all__ = [
+    "COUNTS",
+    "TABLE",
+    "TAPS",
+    "Decision",
+    "Reason",
+    "Situation",
+    "wanted_faces",
+    "wanted_format",
+    "wanted_size",
+]
 
 SOFT_PIXELS = 1.0  # widest penumbra that a hard edge may stand for
 GAIN = 0.01  # an effect that changes the error by less than this share of it does not matter
@@ -23,7 +33,8 @@ BLEND_RATIO = (
     2.0  # texels on both sides of a boundary whose sizes differ by less blend by themselves
 )
 WORLD_ELEVATION_DEG = 20.7  # below it the skewed basis of the world's axes falls back by itself
-COUNTS = (1, 2, 3, 4, 6, 8)  # of cascades, that are considered
+COUNTS = (1, 2, 3, 4, 6)  # of cascades, that are considered
+TAPS = (8, 16)  # in the disc of soft shadows, that are considered
 SMALLEST = 256  # a map that has no edge to hold
 LARGEST_KERNEL = 65
 
@@ -55,9 +66,9 @@ class Situation:
         without = self.forecaster.aliasing(self.settings.replace(**changes))
         return 1.0 - with_it / without if without > 0.0 else 0.0
 
-    def texel(self):
-        """Side [m] of the finest cascade's texel, and of the coarsest."""
-        sides = self.forecaster.texel_sides(self.settings)
+    def texel(self, map_size=None):
+        """Side [m] of the finest cascade's texel, and of the coarsest; in maps of another size."""
+        sides = self.forecaster.texel_sides(self.settings, map_size)
         return float(sides.min()), float(sides.max())
 
 
@@ -154,18 +165,21 @@ class Decision:
 # -- what rows ask --------------------------------------------------------------------------------
 
 
-def wanted_format(at):
+def wanted_format(at, map_size=None):
     """Depth format: 16 bits where their step is below the bias that surfaces need anyway."""
-    return "d16" if _quantum_16(at) < _needed_bias(at) else "d32f"
+    return "d16" if _quantum_16(at) < _needed_bias(at, map_size) else "d32f"
 
 
-def wanted_size(at):
+def wanted_faces(signals):
+    """Sides of triangles that need to cast."""
+    return best_sides(
+        signals.front_matters, signals.faces_matter, signals.back_gain, signals.lit_area
+    )
+
+
+def wanted_size(at, map_size=None):
     """Kernel of soft shadows [texels]: the 90th percentile of the penumbra, and what it rounds."""
-    widths = []
-    for view in at.signals.views:
-        if len(view.edges):
-            widths.append(np.percentile(view.penumbra_metres(), 90))
-    texels = max(widths, default=0.0) / at.texel()[0]
+    texels = at.signals.penumbra_metres / at.texel(map_size)[0]
     return int(min(max(5, 2 * int(np.ceil(0.5 * texels)) + 3), LARGEST_KERNEL))
 
 
@@ -173,8 +187,8 @@ def _quantum_16(at):
     return at.signals.depth_span / 65535.0
 
 
-def _needed_bias(at):
-    return 0.25 * at.texel()[0] * at.signals.bias_slope
+def _needed_bias(at, map_size=None):
+    return 0.25 * at.texel(map_size)[0] * at.signals.bias_slope
 
 
 def _several(at):
@@ -203,6 +217,21 @@ def _blend_ratio(at):
 def _excess(at, changes):
     gain = at.gain(**changes)
     return gain / (1.0 - gain) if gain < 1.0 else 0.0
+
+
+def _nearest_faces(signals):
+    """Of front and back sides alone those that change fewer pixels."""
+    return "front" if signals.front_matters <= signals.faces_matter else "back"
+
+
+def _faces_measured(at):
+    told = at.signals
+    text = "no shadow seen, or too little, to tell sides apart"
+    if told.front_matters < 1.0:
+        text = f"front alone changes {_percent(told.front_matters)} of facing pixels"
+    if told.faces_matter < 1.0:
+        text += f", back alone {_percent(told.faces_matter)}"
+    return text + f"; {_percent(told.lit_area)} of the casters' area faces the sun"
 
 
 def _percent(share):
@@ -277,7 +306,7 @@ TABLE = (
     Decision(
         effect="turned",
         calls_for="a still whose receivers lie along no axis of the light",
-        threshold="the forecast gains 1 %; never in motion, where it cannot be snapped",
+        threshold="saves more than its pass; never in motion, where it cannot be snapped",
         source="measured: docs/numerics.md 22",
         cost="a second pass over the picture",
         taken=lambda at: at.settings.turned,
@@ -291,7 +320,7 @@ TABLE = (
     Decision(
         effect="split",
         calls_for="cascades without receivers under the default scheme",
-        threshold="the forecast gains 1 % over practical",
+        threshold="the forecast gains 1 % over practical, and that saves more than its pass",
         source="forecast; docs/numerics.md 17",
         cost="a reduction over the picture",
         taken=lambda at: at.settings.split != "practical",
@@ -363,18 +392,21 @@ TABLE = (
     ),
     Decision(
         effect="caster_faces",
-        calls_for="closed casters: their far sides throw the same shadow",
-        threshold=f"at most {_percent(FACES_SHARE)} of facing pixels change in the coarse picture",
-        source="two coarse renders, compared",
-        cost="nothing; saves the fill of what faces the sun",
-        taken=lambda at: at.settings.caster_faces == "back",
-        measured=lambda at: f"{_percent(at.signals.faces_matter)} of facing pixels change",
+        calls_for="closed casters: either of their sides throws the same shadow",
+        threshold=(
+            "front: no facing pixel changes in the coarse picture; back: at most "
+            f"{_percent(FACES_SHARE)} do, or of what it gets wrong {_percent(BACK_GAIN)} come right"
+        ),
+        source="coarse renders, compared: csm/caster_sides.py",
+        cost="nothing; saves the fill of the other sides",
+        taken=lambda at: at.settings.caster_faces != "both",
+        measured=_faces_measured,
         flipped=lambda at: (
             {"caster_faces": "both", "bias": "auto"}
-            if at.settings.caster_faces == "back"
-            else {"caster_faces": "back"}
+            if at.settings.caster_faces != "both"
+            else {"caster_faces": _nearest_faces(at.signals)}
         ),
-        saves=lambda at: at.settings.caster_faces == "back",
+        saves=lambda at: at.settings.caster_faces != "both",
     ),
     Decision(
         effect="filter",
@@ -388,6 +420,22 @@ TABLE = (
             f"{at.signals.penumbra_pixels[2]:.2g} px"
         ),
         flipped=lambda at: _other_filter(at),
+    ),
+    Decision(
+        effect="tap_count",
+        calls_for="penumbrae, whose shades are as many as taps",
+        threshold="the fewest taps on the goal's side of the front",
+        source="measured: 8 leave a tenth more of what hard edges miss: docs/recommendation.md",
+        cost="twice each, for the search and for the kernel",
+        taken=lambda at: at.settings.filter == "pcss",
+        measured=lambda at: (
+            f"hard edges would miss {_percent(at.forecaster.penumbra())}"
+            if at.settings.filter == "pcss"
+            else "no soft filter"
+        ),
+        flipped=lambda at: (
+            {"tap_count": 4, "disc": "vogel"} if at.settings.filter == "pcss" else None
+        ),
     ),
     Decision(
         effect="blend",
@@ -464,8 +512,8 @@ TABLE = (
     Decision(
         effect="warp",
         calls_for="one map down a long view across the light",
-        threshold="never where windows are fitted to what is seen: cascades do it better",
-        source="docs/numerics.md 21",
+        threshold="never: maps take two to three times as long to fill, and where it helps few do",
+        source="measured: docs/recommendation.md; docs/numerics.md 21",
         cost="no snapping, post-projective depth",
         taken=lambda at: at.settings.warp != "none",
         measured=lambda at: (
@@ -484,5 +532,5 @@ def _other_filter(at):
     if at.settings.filter == "none":
         return None
     if at.signals.views[0].sun.angular_diameter_deg > 0.0:
-        return {"filter": "pcss", "filter_size": wanted_size(at)}
+        return {"filter": "pcss", "filter_size": wanted_size(at), "tap_count": TAPS[-1]}
     return {"filter": "pcf", "filter_size": 3}

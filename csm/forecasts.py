@@ -6,18 +6,19 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .cascades import fit_cascades
-from .sampling import surface_steps
+from .sampling import surface_steps, uv_gradients
 from .settings import map_sizes
 from .spaces import transform_points
 
 __all__ = ["CostModel", "Forecaster", "forecast_cost"]
 
 # An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
-FARTHEST = 4.0
+FARTHEST = 8.0
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
 DISC = 2.0 / (3.0 * math.pi)
-# Of what hard edges miss of a penumbra, what percentage-closer soft shadows still miss: measured.
-SOFT_REST = 0.3
+# Of what hard edges miss of a penumbra, what percentage-closer soft shadows of 16 taps still miss,
+# and what those of 8 taps miss more: measured.
+SOFT_REST, SOFT_FEW = 0.3, 0.08
 # Of the automatic bias: texels of slope, and the steepest slope.
 BIAS_TEXELS, STEEPEST = 0.25, 1000.0
 # Measured over forecast errors: of broad casters, and what thin ones add, whose shadows a quarter
@@ -25,10 +26,17 @@ BIAS_TEXELS, STEEPEST = 0.25, 1000.0
 EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
 
 
+#: Fields of settings that move no window.
+WITHOUT_WINDOWS = {
+    "map_size", "depth_format", "filter", "filter_size", "tap_count", "disc", "caster_faces",
+    "cull",
+}  # fmt: skip
+
+
 class Forecaster:
     """Expected errors of settings for one scene, camera and sun.
 
-    Windows are fitted once for each number of cascades; other map sizes only scale them.
+    Windows are fitted once for each arrangement of them; other map sizes only scale their texels.
 
     Parameters
     ----------
@@ -37,9 +45,9 @@ class Forecaster:
     """
 
     def __init__(self, signals, scene):
-        self._signals, self._scene, self._known = signals, scene, {}
+        self._signals, self._scene, self._known, self._soft = signals, scene, {}, None
 
-    def aliasing(self, settings):
+    def aliasing(self, settings, map_size=None):
         """Expected share of facing pixels on the wrong side because texels have a size.
 
         Within half a texel along u and v a point is judged by its texel's centre, which displaces
@@ -50,6 +58,8 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
+        map_size : int, optional
+            Of all maps, instead of that of the settings.
 
         Returns
         -------
@@ -58,23 +68,22 @@ class Forecaster:
         """
         area = pixels = 0.0
         for number, view in enumerate(self._signals.views):
-            sizes = map_sizes(settings)
-            across, cascade, _ = self._taken(number, settings)
+            known = self._taken(number, settings)
             if len(view.edges):
-                across = across / np.asarray(sizes, float)[cascade][:, None]
-                least, most = np.sort(np.abs(across), axis=1).T
-                mean = most / 4.0 + least**2 / (12.0 * np.maximum(most, 1e-12))
-                area += float((view.edge_lengths * np.minimum(mean, FARTHEST)).sum())
+                moved = known.moved / _size_at(settings, map_size, known.edge_cascade)
+                area += float((view.edge_lengths * np.minimum(moved, FARTHEST)).sum())
             pixels += view.facing_count * self._signals.pixels / view.pixel_count
         factor = EDGE_FACTOR + THIN_FACTOR * self._signals.thin_share
         return factor * area / pixels if pixels else 0.0
 
-    def error(self, settings):
+    def error(self, settings, map_size=None):
         """Expected error, as ``max_error`` counts it: texels, and what a filter makes of penumbrae.
 
         Parameters
         ----------
         settings : ShadowSettings
+        map_size : int, optional
+            Of all maps, instead of that of the settings.
 
         Returns
         -------
@@ -82,10 +91,12 @@ class Forecaster:
         """
         if settings.filter == "none":
             return float(self._signals.shadowed_share)
-        soft = self.penumbra() * (SOFT_REST if settings.filter == "pcss" else 1.0)
-        return math.hypot(self.aliasing(settings), soft) + self.leak(settings)
+        soft = self.penumbra()
+        if settings.filter == "pcss":
+            soft *= SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
+        return math.hypot(self.aliasing(settings, map_size), soft) + self.leak(settings, map_size)
 
-    def leak(self, settings):
+    def leak(self, settings, map_size=None):
         """Share of facing pixels in shadow that the bias is expected to light.
 
         Where the occluder is nearer along the light than a quarter texel of slope: contacts, and
@@ -94,6 +105,8 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
+        map_size : int, optional
+            Of all maps, instead of that of the settings.
 
         Returns
         -------
@@ -101,14 +114,12 @@ class Forecaster:
         """
         if settings.bias != "auto":
             return 0.0
-        sizes = map_sizes(settings)
         lit = count = 0
         for number, view in enumerate(self._signals.views):
-            *_, sides = self._taken(number, settings)
             if len(view.gaps):
-                texels = sides[0] / np.asarray(sizes, float)[sides[1]]
-                bias = BIAS_TEXELS * texels * np.minimum(view.gradients, STEEPEST)
-                lit += int(np.count_nonzero(view.gaps < bias))
+                known = self._taken(number, settings)
+                size = _size_at(settings, map_size, known.receiver_cascade)
+                lit += int(np.count_nonzero(view.gaps < known.receiver_bias / size))
             count += len(view.gaps)
         return lit / count if count else 0.0
 
@@ -119,45 +130,73 @@ class Forecaster:
         -------
         share : float
         """
-        area = pixels = 0.0
-        for view in self._signals.views:
-            area += float((view.edge_lengths * np.minimum(view.penumbra_widths(), 64.0)).sum())
-            pixels += view.facing_count * self._signals.pixels / view.pixel_count
-        return DISC * area / pixels if pixels else 0.0
+        if self._soft is None:
+            area = pixels = 0.0
+            for view in self._signals.views:
+                area += float((view.edge_lengths * np.minimum(view.penumbra_widths(), 64.0)).sum())
+                pixels += view.facing_count * self._signals.pixels / view.pixel_count
+            self._soft = DISC * area / pixels if pixels else 0.0
+        return self._soft
 
-    def texel_sides(self, settings):
+    def texel_sides(self, settings, map_size=None):
         """Longer side of a texel of each cascade that receivers take (n,) [m]."""
-        view = self._signals.views[0]
-        cascades = self._fitted(view, settings.replace(filter="hard"))
-        sides = cascades.texel_size.max(axis=1)
+        known = self._taken(0, settings)
+        sizes = np.asarray(map_sizes(settings) if map_size is None else map_size, float)
+        sides = known.windows / sizes
         wide = sides > 1e-3 * sides.max()  # slices without receivers have windows of nothing
         return sides[wide]
 
-    def _fitted(self, view, settings):
-        return fit_cascades(
-            view.camera, view.sun, settings, scene=self._scene, receivers=view.receivers
-        )
-
     def _taken(self, number, settings):
-        """Of the edges the displacement (e, 2) [pixels] by steps over a whole map, and the cascade.
-
-        And of the receivers the longer side [m] and the index of theirs (m,), (m,).
-        """
-        one = settings.replace(map_size=2048, depth_format="d32f", filter="hard").canonical()
-        key = number, one
+        """What an arrangement of windows makes of one view."""
+        key = number, tuple(v for k, v in vars(settings).items() if k not in WITHOUT_WINDOWS)
         if key not in self._known:
+            one = settings.replace(map_size=2048, depth_format="d32f", filter="hard")
             self._known[key] = self._measure(self._signals.views[number], one)
         return self._known[key]
 
     def _measure(self, view, settings):
-        cascades = self._fitted(view, settings)
-        cascade = _selected(cascades, view.camera, settings, view.edges)
-        gradients = cascades.uvz_from_world[cascade][:, :2, :3]
-        steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
-        across = np.einsum("ea,eak->ek", view.edge_across, steps)
-        of_receivers = _selected(cascades, view.camera, settings, view.receivers)
+        # windows round a sample alone would be smaller than real ones, and leave out edges
+        held = np.concatenate([view.receivers, view.edges, view.outline])
+        cascades = fit_cascades(view.camera, view.sun, settings, scene=self._scene, receivers=held)
         windows = cascades.texel_size.max(axis=1) * np.asarray(cascades.map_size, float)
-        return across, cascade, (windows[of_receivers], of_receivers)
+        taken = _selected(cascades, view.camera, settings, view.receivers)
+        bias = BIAS_TEXELS * windows[taken] * np.minimum(view.gradients, STEEPEST)
+        cascade = _selected(cascades, view.camera, settings, view.edges)
+        gradients = uv_gradients(cascades.uvz_from_world[cascade], view.edges)
+        steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
+        across = np.abs(np.einsum("ea,eak->ek", view.edge_across, steps))
+        least, most = across.min(axis=1), across.max(axis=1)
+        moved = most / 4.0 + least**2 / (12.0 * np.maximum(most, 1e-12))
+        return _Arranged(moved, cascade, bias, taken, windows)
+
+
+@dataclass(frozen=True)
+class _Arranged:
+    """What windows make of a view, by maps of one texel: sizes divide it.
+
+    Attributes
+    ----------
+    moved : (e,) float64
+        How far edges are displaced on average [pixels].
+    edge_cascade, receiver_cascade : (e,), (m,) int
+        That answer for edges and receivers.
+    receiver_bias : (m,) float64
+        Along the light [m].
+    windows : (n,) float64
+        Longer side of each window [m].
+    """
+
+    moved: np.ndarray
+    edge_cascade: np.ndarray
+    receiver_bias: np.ndarray
+    receiver_cascade: np.ndarray
+    windows: np.ndarray
+
+
+def _size_at(settings, map_size, cascade):
+    """Texels along the map of each point: a number where all maps have as many."""
+    sizes = map_sizes(settings) if map_size is None else (map_size,)
+    return float(sizes[0]) if len(set(sizes)) == 1 else np.asarray(sizes, float)[cascade]
 
 
 def _selected(cascades, camera, settings, points):
@@ -180,27 +219,29 @@ class CostModel:
 
     Attributes
     ----------
-    view_pixel, view_triangle, receiver_pixel, mask_pixel : float
-        Of a million pixels, or of a thousand triangles, of the passes over the picture [ms].
+    view_pixel, view_triangle, receiver_pixel, turned_pixel, range_pixel, mask_pixel : float
+        Of a million pixels, or of a thousand triangles, of the passes over the picture [ms]: what
+        is seen, its windows, those of turned ones, ranges of splits, the mask.
     soft : float
-        Factor of the mask's pass under percentage-closer soft shadows.
-    map_texel, map_triangle, map_pass : float
-        Of a million texels, of a thousand triangles, and of each map [ms].
-    back_faces : float
-        Share of a map's time with back faces alone.
+        Factor of the mask's pass under percentage-closer soft shadows of 16 taps.
+    map_texel : float
+        Of a million texels that hold a caster, with both sides of triangles drawn [ms].
+    map_triangle, map_pass : float
+        Of a thousand triangles, and of each map [ms].
     source : str
         Where the numbers come from.
     """
 
-    view_pixel: float = 9.0
-    view_triangle: float = 0.17
+    view_pixel: float = 8.5
+    view_triangle: float = 0.15
     receiver_pixel: float = 7.5
-    mask_pixel: float = 21.0
-    soft: float = 10.0
-    map_texel: float = 7.0
-    map_triangle: float = 0.55
+    turned_pixel: float = 7.0
+    range_pixel: float = 8.0
+    mask_pixel: float = 20.0
+    soft: float = 9.0
+    map_texel: float = 10.5
+    map_triangle: float = 0.29
     map_pass: float = 1.0
-    back_faces: float = 0.55
     source: str = "llvmpipe on two cores"
 
     def scaled(self, factor, source):
@@ -215,7 +256,7 @@ class CostModel:
         -------
         model : CostModel
         """
-        names = [n for n in self.__dataclass_fields__ if n not in ("soft", "back_faces", "source")]
+        names = [n for n in self.__dataclass_fields__ if n not in ("soft", "source")]
         return replace(self, source=source, **{n: factor * getattr(self, n) for n in names})
 
     def with_maps(self, factor):
@@ -223,13 +264,15 @@ class CostModel:
         names = ("map_texel", "map_triangle", "map_pass")
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
-    def parts(self, settings, signals):
+    def parts(self, settings, signals, map_size=None):
         """Milliseconds of the shadow maps, and of everything else.
 
         Parameters
         ----------
         settings : ShadowSettings
         signals : Signals
+        map_size : int, optional
+            Of all maps, instead of that of the settings.
 
         Returns
         -------
@@ -239,17 +282,22 @@ class CostModel:
         others = self.view_pixel * pixels + self.view_triangle * signals.scene_triangles / 1e3
         if settings.filter == "none":
             return 0.0, others + 0.5 * self.mask_pixel * pixels
-        others += self.mask_pixel * pixels * (self.soft if settings.filter == "pcss" else 1.0)
+        soft = 1.0 + (self.soft - 1.0) * settings.tap_count / 16.0
+        others += self.mask_pixel * pixels * (soft if settings.filter == "pcss" else 1.0)
         if settings.fit == "visible":
-            others += self.receiver_pixel * pixels * (2.0 if settings.turned else 1.0)
-        sizes = map_sizes(settings)
-        maps = self.map_texel * sum(size * size for size in sizes) / 1e6
-        maps += self.map_triangle * drawn_triangles(settings.cascade_count, signals) / 1e3
-        maps += self.map_pass * settings.cascade_count
-        return maps * (self.back_faces if settings.caster_faces == "back" else 1.0), others
+            others += self.receiver_pixel * pixels
+            others += self.turned_pixel * pixels if settings.turned else 0.0
+        if settings.split == "sdsm":
+            others += self.range_pixel * pixels
+        count = settings.cascade_count
+        sizes = map_sizes(settings) if map_size is None else (map_size,) * count
+        texels = np.square(np.asarray(sizes, float)) @ _covers(count, signals) / 1e6
+        maps = self.map_texel * float(texels) * _drawn_share(settings, signals)
+        maps += self.map_triangle * drawn_triangles(count, signals) / 1e3
+        return maps + self.map_pass * count, others
 
 
-def forecast_cost(settings, signals, model=None):
+def forecast_cost(settings, signals, model=None, map_size=None):
     """Milliseconds that a frame is expected to take.
 
     Parameters
@@ -258,12 +306,14 @@ def forecast_cost(settings, signals, model=None):
     signals : Signals
     model : CostModel, optional
         By default that of llvmpipe on two cores, the same on every machine.
+    map_size : int, optional
+        Of all maps, instead of that of the settings.
 
     Returns
     -------
     ms : float
     """
-    return math.fsum((model or CostModel()).parts(settings, signals))
+    return math.fsum((model or CostModel()).parts(settings, signals, map_size))
 
 
 def drawn_triangles(count, signals):
@@ -275,3 +325,19 @@ def drawn_triangles(count, signals):
     four = sum(signals.casters)
     one = min(signals.scene_triangles, max(four, 1))
     return one + max(four - one, 0.1 * one) * (count - 1) / 3.0
+
+
+def _covers(count, signals):
+    """Shares of texels (count,) that hold a caster, from those of the four coarse maps."""
+    four = np.asarray(signals.covers)
+    if count == 1 or not len(four):
+        return np.full(count, four.max(initial=0.0))
+    at = (np.arange(count) + 0.5) / count * len(four)
+    return four[np.minimum(at.astype(int), len(four) - 1)]
+
+
+def _drawn_share(settings, signals):
+    """Share of the casters' fill that is drawn."""
+    return {"both": 1.0, "front": signals.lit_area, "back": 1.0 - signals.lit_area}[
+        settings.caster_faces
+    ]

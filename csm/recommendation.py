@@ -1,47 +1,30 @@
 """Only the effects a scene calls for, each with the measurement that called for it."""
 
-import math
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
-from itertools import product
 from types import SimpleNamespace
 
 import numpy as np
 
 from .camera import Camera
 from .cascades import check_kinds, fit_cascades
-from .decisions import (
-    COUNTS,
-    GAIN,
-    SMALLEST,
-    SOFT_PIXELS,
-    TABLE,
-    WORLD_ELEVATION_DEG,
-    Situation,
-    wanted_format,
-    wanted_size,
-)
+from .decisions import TABLE, Situation
 from .digests import scene_digest
 from .export import export_settings
-from .forecasts import CostModel, Forecaster, forecast_cost
+from .forecasts import CostModel
 from .formats import Recorded
 from .plans import map_bytes
 from .records import known_scene, plain_values, read_values
 from .renderer import Renderer
 from .scene import Scene
+from .search import Forecast, Search, cheapest, finest, within_budget
 from .settings import ShadowSettings, map_sizes
-from .signals import FACES_SHARE, Signals, measure_signals
+from .signals import Signals, measure_signals
 from .spaces import as_number
 from .sun import Sun
-from .timing import total_ms
-from .verification import everything_on, table_html, table_text, verify
+from .verification import table_html, table_text, verify
 
-__all__ = ["Reasons", "Recommendation", "recommend"]
-
-SIZES = (SMALLEST, 512, 724, 1024, 1448, 2048, 2896, 4096)
-KNEE_SHARE, KNEE_PIXELS = 0.05, 2e-4  # what everything switched on may still gain
-TIMED = 3  # frames timed of a setting; their median counts
-ROUNDS = 4  # of timing and choosing again under a budget
+__all__ = ["Forecast", "Reasons", "Recommendation", "recommend"]
 
 
 class Reasons(tuple):
@@ -67,23 +50,6 @@ class Reasons(tuple):
 
     def _repr_html_(self):
         return table_html(self._HEADS, self._rows())
-
-
-@dataclass(frozen=True)
-class Forecast:
-    """What `Recommendation.forecast` expects of settings.
-
-    Attributes
-    ----------
-    error : float
-    ms : float
-    met : bool
-        Whether that is on the goal's side.
-    """
-
-    error: float
-    ms: float
-    met: bool
 
 
 @dataclass(frozen=True, eq=False)
@@ -184,13 +150,11 @@ class Recommendation(Recorded):
         settings : ShadowSettings or None
             The cheapest, or, with ``budget_ms`` alone, the most exact; None if none does.
         """
-        good = [
-            one
-            for one in self._measured().candidates(self._model)
-            if all(place.forecast(one.settings).met for place in (self, *others))
-        ]
-        best = _finest if is_exact_goal(self.goal) else _cheapest
-        return min(good, key=best).settings if good else None
+        best = finest if is_exact_goal(self.goal) else cheapest
+        for one in sorted(self._measured().candidates(self._model), key=best):
+            if all(place.forecast(one.settings).met for place in (self, *others)):
+                return one.settings
+        return None
 
     def verify(self, *, renderer=None, rays_per_pixel=None, repeats=3):
         """Render everything on, the recommendation, and it with each decision turned round.
@@ -347,7 +311,7 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
     row of `csm.decisions.TABLE`; number, size and splits of the maps are the cheapest whose
     forecast is on the goal's side. With neither goal it is the knee: the cheapest settings to which
     everything switched on (`csm.verification.everything_on`) is forecast to add no more than 0.02 %
-    of the pixels or 5 % of the error.
+    of the pixels or 2 % of the error.
 
     Parameters
     ----------
@@ -428,181 +392,13 @@ def recommend_from(renderer, scene, cameras, suns, goal, **motion):
     recommendation : Recommendation
     """
     signals = replace(measure_signals(renderer, scene, cameras, suns), **motion)
-    search = _Search(signals, scene, goal, renderer.info["max_texture_size"])
+    search = Search(signals, scene, goal, renderer.info["max_texture_size"])
     model = CostModel()
     if goal["budget_ms"] is not None:
-        chosen, model = _within_budget(renderer, scene, search)
+        chosen, model = within_budget(renderer, scene, search)
     else:
         chosen = search.choose(model)
     return _report(search, chosen, model, scene, (cameras, suns), goal)
-
-
-@dataclass(frozen=True)
-class _Candidate:
-    settings: ShadowSettings
-    error: float
-    ms: float
-
-
-class _Search:
-    """Number, size, splits and axes of the maps."""
-
-    def __init__(self, signals, scene, goal, largest):
-        self.signals, self.goal = signals, goal
-        self.forecaster = Forecaster(signals, scene)
-        self._largest, self._settings = largest, None
-
-    def candidates(self, model):
-        """All settings that are considered, with forecasts; the rows' answers are in them."""
-        if not sum(view.facing_count for view in self.signals.views):
-            dark = ShadowSettings(filter="none")
-            return [_Candidate(dark, 0.0, forecast_cost(dark, self.signals, model))]
-        most = self.goal["max_bytes"] or math.inf
-        found = [
-            _Candidate(one, self.forecaster.error(one), forecast_cost(one, self.signals, model))
-            for one in self._all_settings()
-            if one.map_size <= self._largest and map_bytes(one) <= most
-        ]
-        if not found:
-            raise ValueError(
-                f"max_bytes must hold one map of {SMALLEST} x {SMALLEST} "
-                f"(got {self.goal['max_bytes']:g})"
-            )
-        return found
-
-    def _all_settings(self):
-        """Every count and size; where soft shadows are called for, under them and under hard ones.
-
-        The first filter is the one that is called for.
-        """
-        if self._settings is None:
-            soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
-            self._settings = []
-            arranged = [self._arranged(count) for count in COUNTS]
-            for name in ("pcss", "hard") if soft else ("hard",):
-                for settings, size in product(arranged, SIZES):
-                    one = settings.replace(map_size=size, filter=name)
-                    at = Situation(self.signals, self.forecaster, one)
-                    one = one.replace(depth_format=wanted_format(at))
-                    if name == "pcss":
-                        one = one.replace(filter_size=min(wanted_size(at), _odd_below(size)))
-                    self._settings.append(one)
-        return self._settings
-
-    def choose(self, model):
-        """The candidate that the goal asks for."""
-        every = self.candidates(model)
-        limit, budget = self.goal["max_error"], self.goal["budget_ms"]
-        affordable = [c for c in every if budget is None or c.ms <= budget]
-        if not affordable:
-            return min(every, key=lambda c: (c.ms, c.error))
-        if limit is not None:
-            good = [c for c in affordable if c.error <= limit]
-            return min(good, key=_cheapest) if good else min(affordable, key=_finest)
-        if budget is not None:
-            return min(affordable, key=_finest)
-        called_for = every[0].settings.filter
-        affordable = [c for c in affordable if c.settings.filter == called_for]
-        enough = self._enough(called_for)
-        good = [c for c in affordable if c.error <= enough]
-        return min(good, key=_cheapest) if good else min(affordable, key=_finest)
-
-    def _enough(self, called_for):
-        """Error at the knee, under the filter that is called for."""
-        full = everything_on(self.signals.views[0].sun).replace(filter=called_for)
-        full = self.forecaster.error(full)
-        return max(full + KNEE_PIXELS, (1.0 + KNEE_SHARE) * full)
-
-    def forecast(self, settings, model):
-        """Error and cost of any settings, and whether they meet the goal."""
-        error = float(self.forecaster.error(settings))
-        ms = float(forecast_cost(settings, self.signals, model))
-        limit, budget = self.goal["max_error"], self.goal["budget_ms"]
-        if limit is None and budget is None:
-            limit = self._enough(self._all_settings()[0].filter)
-        met = (
-            (limit is None or error <= limit)
-            and (budget is None or ms <= budget)
-            and map_bytes(settings) <= (self.goal["max_bytes"] or math.inf)
-        )
-        return Forecast(error, ms, met)
-
-    def _arranged(self, count):
-        """Settings for so many cascades, with the splits and axes that the forecast likes best."""
-        signals = self.signals
-        moves = signals.camera_moves or signals.sun_moves
-        settings = ShadowSettings(
-            cascade_count=count,
-            fit="visible",
-            snap="exact" if moves else "none",
-            cull="exclusive" if count > 1 and signals.needless_chunks else "inclusive",
-            caster_faces="back" if signals.faces_matter <= FACES_SHARE else "both",
-            bias="manual" if signals.bias_matters <= FACES_SHARE else "auto",
-            light_basis=(
-                "world"
-                if signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
-                else "orthonormal"
-            ),
-        )
-        if signals.orthographic:
-            settings = settings.replace(split="uniform")
-        elif count > 1:
-            settings = self._better(settings, GAIN, split="sdsm")
-            if settings.cull != "exclusive" and not self._gains(settings, select="interval"):
-                settings = settings.replace(select="interval")
-        return settings if moves else self._better(settings, GAIN, turned=True)
-
-    def _gains(self, settings, **changes):
-        """Whether settings are better than changed ones by what counts."""
-        now, then = (self.forecaster.aliasing(s) for s in (settings, settings.replace(**changes)))
-        return now < (1.0 - GAIN) * then
-
-    def _better(self, settings, gain, **changes):
-        changed = settings.replace(**changes)
-        now, then = (self.forecaster.aliasing(s) for s in (settings, changed))
-        return changed if then < (1.0 - gain) * now else settings
-
-
-def _cheapest(candidate):
-    return candidate.ms, candidate.error, map_bytes(candidate.settings)
-
-
-def _finest(candidate):
-    return candidate.error, candidate.ms, map_bytes(candidate.settings)
-
-
-def _within_budget(renderer, scene, search):
-    """Choose, time the choice, correct the model, choose again until the choice fits."""
-    view = search.signals.views[0]
-
-    def timed(settings):
-        frames = [
-            renderer.render(scene, view.camera, view.sun, settings, outputs=("mask",))
-            for _ in range(TIMED + 1)
-        ][1:]
-        maps = [sum(ms for n, ms in f.timings_ms.items() if "shadow_map" in n) for f in frames]
-        return sorted(total_ms(f.timings_ms) for f in frames)[TIMED // 2], sorted(maps)[TIMED // 2]
-
-    model = CostModel()
-    chosen = search.choose(model)
-    fitting = None
-    for _ in range(ROUNDS):
-        total, maps = timed(chosen.settings)
-        expected_maps, expected_others = model.parts(chosen.settings, search.signals)
-        if total <= search.goal["budget_ms"] and (fitting is None or chosen.error < fitting.error):
-            fitting = _Candidate(chosen.settings, chosen.error, total)
-        factor = (total - maps) / expected_others
-        model = model.scaled(factor, "frames timed here")
-        if expected_maps > 0.0 and maps > 0.0:
-            model = model.with_maps(maps / expected_maps / factor)
-        again = search.choose(model)
-        if again.settings == chosen.settings:
-            break
-        chosen = again
-    if fitting is not None:
-        return fitting, model
-    cheapest = search.choose(model)
-    return _Candidate(cheapest.settings, cheapest.error, timed(cheapest.settings)[0]), model
 
 
 def _report(search, chosen, model, scene, path, goal):
@@ -612,9 +408,8 @@ def _report(search, chosen, model, scene, path, goal):
     rows = [row for row in TABLE if not dark or row.effect == "shadows"]
     obstacle = _obstacle(search, chosen, model, goal)
     view = search.signals.views[0]
-    fitted = fit_cascades(
-        view.camera, view.sun, chosen.settings, scene=scene, receivers=view.receivers
-    )
+    seen = np.concatenate([view.receivers, view.outline])
+    fitted = fit_cascades(view.camera, view.sun, chosen.settings, scene=scene, receivers=seen)
     return Recommendation(
         settings=chosen.settings,
         reasons=Reasons(row.reason(at) for row in rows),
@@ -677,7 +472,3 @@ def _path(value, kind, name):
 
 def _goal(name, value, low, high):
     return None if value is None else as_number(name, value, low, high)
-
-
-def _odd_below(size):
-    return max(1, (size - 1) // 2 * 2 - 1)

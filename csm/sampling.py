@@ -12,6 +12,7 @@ __all__ = [
     "pixels_per_texel",
     "surface_steps",
     "undersampling",
+    "uv_gradients",
 ]
 
 LIT = 0.5  # a mask of at least this counts as lit
@@ -67,15 +68,32 @@ def pixels_per_texel(frame, truth):
     cascade = index[rows, columns]
     point, normal = truth.position[rows, columns], truth.normal[rows, columns]
 
-    # Gradients of u and v in texels.
-    uvz = np.asarray(frame.cascades.uvz_from_world)[cascade]
-    w = np.einsum("mk,mk->m", uvz[:, 3, :3], point) + uvz[:, 3, 3]
-    uv = (np.einsum("mak,mk->ma", uvz[:, :2, :3], point) + uvz[:, :2, 3]) / w[:, None]
-    gradient = (uvz[:, :2, :3] - uv[..., None] * uvz[:, 3:, :3]) / w[:, None, None]
+    # gradients of u and v in texels
+    gradient = uv_gradients(np.asarray(frame.cascades.uvz_from_world)[cascade], point)
     gradient *= np.asarray(frame.cascades.map_size)[cascade][:, None, None]
     jacobian = np.full((*index.shape, 2, 2), np.nan)
     jacobian[rows, columns] = surface_steps(truth.camera, point, normal, gradient)
     return jacobian
+
+
+def uv_gradients(uvz_from_world, points):
+    """How u and v of a map change at points of the world; under a warp from place to place.
+
+    Parameters
+    ----------
+    uvz_from_world : (m, 4, 4) float64
+        Of the map that each point falls into.
+    points : (m, 3) float64
+
+    Returns
+    -------
+    gradients : (m, 2, 3) float64
+        Of u and v, 0 to 1 over the map, per metre.
+    """
+    uvz = uvz_from_world
+    w = np.einsum("mk,mk->m", uvz[:, 3, :3], points) + uvz[:, 3, 3]
+    uv = (np.einsum("mak,mk->ma", uvz[:, :2, :3], points) + uvz[:, :2, 3]) / w[:, None]
+    return (uvz[:, :2, :3] - uv[..., None] * uvz[:, 3:, :3]) / w[:, None, None]
 
 
 def surface_steps(camera, points, normals, gradients):

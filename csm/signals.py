@@ -11,22 +11,19 @@ from dataclasses import dataclass, field
 import numpy as np
 
 from .cascades import fit_cascades
+from .caster_sides import Sides, measure_sides
+from .coarse_look import blockers_of, edges_of, gaps_of, outline_of, positions_of, thin_share_of
 from .sampling import LIT, NO_CASCADE, surface_steps
 from .settings import ShadowSettings
-from .spaces import frozen, transform_points
+from .spaces import frozen
 from .tracing import FACING
 
-__all__ = ["FACES_SHARE", "Signals", "View", "light_gradients", "measure_signals"]
+__all__ = ["Signals", "View", "light_gradients", "measure_signals"]
 
 COARSE = 4  # pixels of the picture along a pixel of the coarse one
 LEAST_SIZE = 160  # of a coarse picture, along its shorter side: smaller ones lose what is thin
-RECEIVERS = 4000  # that windows are fitted to in forecasts
-EDGES = 4000  # places of edges that forecasts look at; the others count through these
+RECEIVERS = 2000  # that windows are fitted to in forecasts
 DEPTH_BINS = 24
-THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin
-LAYER_RATIO = 2.0  # occluders whose distances from a receiver differ by this are layers
-
-FACES_SHARE = 2e-4  # of the coarse picture's facing pixels, that may change without back faces
 
 #: The coarse maps: four, so that casters and receivers of each are counted.
 PROBE = ShadowSettings(map_size=512, fit="visible", snap="none", cull="exclusive")
@@ -46,8 +43,10 @@ class View:
         Of the coarse picture: all, with a surface, facing the sun, and of those in shadow.
     receivers : (m, 3) float64
         World points of surfaces that face the sun, at most some thousands.
+    outline : (k, 3) float64
+        The outermost of all such points, across the light and in slices of depth.
     receiver_depths : (m,) float64
-        Their view depths [m].
+        View depths of the receivers [m].
     slopes : (m,) float64
         Tangents of their normals' angle to the sun.
     gradients : (m,) float64
@@ -68,6 +67,8 @@ class View:
         Of the casters' texels in the coarse maps; of the edges.
     triangles : tuple of int
         Drawn for each of the coarse maps.
+    covers : tuple of float
+        Share of the texels of each of the coarse maps that hold a caster.
     needless_chunks : int
         That exclusive culling left out of them.
     cascade_shares : tuple of float
@@ -81,6 +82,7 @@ class View:
     facing_count: int
     shadowed_count: int
     receivers: np.ndarray
+    outline: np.ndarray
     receiver_depths: np.ndarray
     slopes: np.ndarray
     gradients: np.ndarray
@@ -93,6 +95,7 @@ class View:
     thin_share: float
     layered_share: float
     triangles: tuple[int, ...]
+    covers: tuple[float, ...]
     needless_chunks: int
     cascade_shares: tuple[float, ...]
 
@@ -138,6 +141,8 @@ class Signals:
         Receivers in each of four cascades of the practical scheme.
     casters : tuple of int
         Triangles drawn for each of those.
+    covers : tuple of float
+        Share of the texels of each of those that hold a caster.
     needless_chunks : int
         Chunks of casters that only finer maps need, in all of those.
     slope_percentiles : (3,) float64
@@ -148,6 +153,8 @@ class Signals:
         Length of shadow edges [pixels] over the pixels that face the sun.
     penumbra_pixels : (3,) float64
         Median, 90th and 99th percentile of the penumbra's width.
+    penumbra_metres : float
+        90th percentile of that across the light [m], of the widest view.
     thin_share : float
         Of casters' texels in maps of 512² that belong to casters at most two texels wide.
     layered_share : float
@@ -164,11 +171,19 @@ class Signals:
     orthographic : bool
     camera_moves, sun_moves : bool
         A path was given.
+    front_matters : float
+        Share of the facing pixels that change when front sides alone cast; 1, unmeasured, where
+        nothing is in shadow or too few pixels face the sun to say.
     faces_matter : float
-        Share of the facing pixels that change when back faces alone cast.
+        Share of them that change when back sides alone cast; 1, unmeasured, where front sides do.
     bias_matters : float
-        Share of them that change when back faces alone cast and nothing is biased; 1, unmeasured,
-        where back faces alone change too much.
+        Share of them that change when, besides, nothing is biased; 1, unmeasured, where back sides
+        alone will not do.
+    back_gain : float
+        Of the pixels that the coarse maps get wrong, against finer ones, the share that back sides
+        alone spare; 0 where that was not asked.
+    lit_area : float
+        Of the casters' area across the light, the share that faces it.
     scene_triangles : int
     """
 
@@ -181,11 +196,13 @@ class Signals:
     depth_ratio: float
     cascade_shares: tuple[float, ...]
     casters: tuple[int, ...]
+    covers: tuple[float, ...]
     needless_chunks: int
     slope_percentiles: np.ndarray
     bias_slope: float
     edge_share: float
     penumbra_pixels: np.ndarray
+    penumbra_metres: float
     thin_share: float
     layered_share: float
     light_view_angle_deg: float
@@ -195,8 +212,11 @@ class Signals:
     orthographic: bool
     camera_moves: bool
     sun_moves: bool
+    front_matters: float
     faces_matter: float
     bias_matters: float
+    back_gain: float
+    lit_area: float
     scene_triangles: int
     renders_ms: dict = field(default_factory=dict, repr=False)
 
@@ -235,13 +255,13 @@ def measure_signals(renderer, scene, cameras, suns):
     """
     last = max(len(cameras), len(suns)) - 1
     taken = sorted({0, last // 2, last})
-    views, spent, changes = [], {}, []
+    views, spent, sides = [], {}, []
     for number in taken:
         camera, sun = cameras[min(number, len(cameras) - 1)], suns[min(number, len(suns) - 1)]
-        view, changed = _look(renderer, scene, camera, sun, spent)
-        changes.append(changed)
+        view, seen = _look(renderer, scene, camera, sun, spent)
+        sides.append(seen)
         views.append(view)
-    return _summary(scene, tuple(views), cameras, suns, np.max(changes, axis=0), spent)
+    return _summary(scene, tuple(views), cameras, suns, sides, spent)
 
 
 def light_gradients(sun):
@@ -271,25 +291,28 @@ def _look(renderer, scene, camera, sun, spent):
     for name, ms in frame.timings_ms.items():
         spent[name] = spent.get(name, 0.0) + ms
 
-    def changed(**changes):
-        other = renderer.render(scene, small, sun, PROBE.replace(**changes), outputs=("mask",))
+    def again(finer=1, **changes):
+        settings = PROBE.replace(map_size=finer * PROBE.map_size, **changes)
+        other = renderer.render(scene, small, sun, settings, outputs=("mask",))
         for name, ms in other.timings_ms.items():
             spent[name] = spent.get(name, 0.0) + ms
-        return np.count_nonzero(judged & (lit != (other.mask >= LIT))) / max(count, 1)
+        return other.mask >= LIT
 
-    faces = changed(caster_faces="back")
-    # without back faces alone, what needs no bias is too rare to be worth a render
-    bias = changed(caster_faces="back", bias="manual") if faces <= FACES_SHARE else 1.0
+    # where nothing is in shadow no picture says which sides of casters are needed
+    plain = not (judged & ~lit).any()
+    sides = Sides(1.0) if plain else measure_sides(scene, sun, lit, judged, count, again)
 
     rows, columns = np.nonzero(facing)
+    everywhere = positions_of(small, frame.view_depth, rows, columns)
+    outline = outline_of(everywhere, frame.view_depth[rows, columns], light_gradients(sun))
     stride = max(1, -(-len(rows) // RECEIVERS))
     rows, columns = rows[::stride], columns[::stride]
-    receivers = _positions(small, frame.view_depth, rows, columns)
+    receivers = positions_of(small, frame.view_depth, rows, columns)
     normals = frame.normal[rows, columns].astype(np.float64)
     cosine = np.clip(normals @ sun.to_light, FACING, 1.0)
     in_light = np.abs(normals @ frame.cascades.light_from_world[0][:2, :3].T)
-    edges = _edges(small, frame, judged, lit, shrink)
-    distances, layered = _blockers(frame, edges)
+    edges = edges_of(small, frame, judged, lit, shrink)
+    distances, layered = blockers_of(frame, edges)
     index = frame.cascade_index[facing]
     return View(
         camera=camera,
@@ -299,149 +322,28 @@ def _look(renderer, scene, camera, sun, spent):
         facing_count=count,
         shadowed_count=int(np.count_nonzero(judged & ~lit)),
         receivers=frozen(receivers),
+        outline=frozen(outline),
         receiver_depths=frozen(frame.view_depth[rows, columns].astype(np.float64)),
         slopes=frozen(np.sqrt(1.0 / cosine**2 - 1.0)),
         gradients=frozen(in_light.sum(axis=1) / cosine),
-        gaps=frozen(_gaps(frame, receivers, rows, columns)),
+        gaps=frozen(gaps_of(frame, receivers, rows, columns)),
         edges=frozen(edges["point"]),
         edge_normals=frozen(edges["normal"]),
         edge_across=frozen(edges["across"]),
         edge_lengths=frozen(edges["length"]),
         blocker_distances=frozen(distances),
-        thin_share=_thin_share(frame),
+        thin_share=thin_share_of(frame),
         layered_share=float(layered),
         triangles=tuple(int(n) for n in frame.info["triangles_drawn"]),
+        covers=tuple(float(np.mean(depths < 1.0)) for depths in frame.shadow_maps),
         needless_chunks=int(sum(frame.info["chunks_culled_exclusive"])),
         cascade_shares=tuple(
             float(np.count_nonzero(index == i) / max(count, 1)) for i in range(PROBE.cascade_count)
         ),
-    ), (faces, bias)
+    ), sides
 
 
-def _positions(camera, view_depth, rows, columns):
-    """World points (m, 3) of pixels."""
-    x, y = camera.pixel_plane()
-    across = x[columns, None] * camera.right + y[rows, None] * camera.up
-    depth = view_depth[rows, columns].astype(np.float64)[:, None]
-    if camera.orthographic:
-        return camera.eye + across - depth * camera.backward
-    return camera.eye + depth * (across - camera.backward)
-
-
-def _edges(camera, frame, judged, lit, shrink):
-    """Places of neighbouring judged pixels on different sides of 0.5."""
-    slope_y, slope_x = np.gradient(_smoothed(lit.astype(np.float64)))
-    parts = []
-    for axis, (one, other) in enumerate(
-        (
-            (np.s_[:, :-1], np.s_[:, 1:]),
-            (np.s_[:-1, :], np.s_[1:, :]),
-        )
-    ):
-        rows, columns = np.nonzero(judged[one] & judged[other] & (lit[one] != lit[other]))
-        step = (rows + axis, columns + 1 - axis)
-        across = np.stack(
-            [slope[rows, columns] + slope[step] for slope in (slope_x, slope_y)], axis=1
-        )
-        length = np.linalg.norm(across, axis=1, keepdims=True)
-        along_axis = np.eye(2)[axis]
-        across = np.where(length > 1e-9, across / np.where(length > 1e-9, length, 1.0), along_axis)
-        dark_first = ~lit[rows, columns]
-        dark = (np.where(dark_first, rows, step[0]), np.where(dark_first, columns, step[1]))
-        parts.append((dark[0], dark[1], across, shrink * np.abs(across[:, axis])))
-    every = max(1, -(-sum(len(part[0]) for part in parts) // EDGES))
-    rows, columns, across, length = (
-        np.concatenate(column)[::every] for column in zip(*parts, strict=True)
-    )
-    length = length * every
-    return {
-        "rows": rows,
-        "columns": columns,
-        "point": _positions(camera, frame.view_depth, rows, columns),
-        "normal": frame.normal[rows, columns].astype(np.float64),
-        "across": across,
-        "length": length,
-    }
-
-
-def _smoothed(values):
-    """Binomial mean over 5 x 5 pixels: the direction of an edge of pixels, not of a stair."""
-    padded = np.pad(values, 2, mode="edge")
-    rows = sum(w * padded[k : k + values.shape[0]] for k, w in enumerate((1, 4, 6, 4, 1)))
-    return sum(w * rows[:, k : k + values.shape[1]] for k, w in enumerate((1, 4, 6, 4, 1))) / 256.0
-
-
-def _gaps(frame, points, rows, columns):
-    """Distance [m] from dark pixels to what the coarse map holds before them; inf for lit ones."""
-    gaps = np.full(len(rows), np.inf)
-    index = frame.cascade_index[rows, columns]
-    dark = frame.mask[rows, columns] < LIT
-    for i in range(frame.cascades.count):
-        on = np.flatnonzero(dark & (index == i))
-        size = frame.shadow_maps[i].shape[0]
-        uvz = transform_points(frame.cascades.uvz_from_world[i], points[on])
-        u, v = np.clip((uvz[:, :2] * size).astype(int), 0, size - 1).T
-        span = float(np.diff(frame.cascades.depth_range[i])[0])
-        gaps[on] = np.maximum((uvz[:, 2] - frame.shadow_maps[i][v, u]) * span, 0.0)
-    return gaps
-
-
-def _blockers(frame, edges):
-    """Occluders' distances [m] at the dark side of edges, and the share with layers of them."""
-    cascades = frame.cascades
-    distances = np.zeros(len(edges["rows"]))
-    layered = 0
-    index = frame.cascade_index[edges["rows"], edges["columns"]]
-    for i in range(cascades.count):
-        on = np.flatnonzero(index == i)
-        if not len(on):
-            continue
-        depths = frame.shadow_maps[i]
-        size = depths.shape[0]
-        uvz = transform_points(cascades.uvz_from_world[i], edges["point"][on])
-        texel = np.clip((uvz[:, :2] * size).astype(int), 1, size - 2)
-        around = np.stack(
-            [depths[texel[:, 1] + dv, texel[:, 0] + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)],
-            axis=1,
-        ).astype(np.float64)
-        span = float(np.diff(cascades.depth_range[i])[0])
-        gap = (uvz[:, 2:] - around) * span
-        t = float(cascades.texel_size[i].max())
-        gap = np.where(gap > 0.5 * t, gap, np.nan)  # nearer ones are the surface itself
-        with np.errstate(all="ignore"):
-            near = np.where(np.isnan(gap).all(axis=1), 0.0, _nan_min(gap))
-            far = np.where(np.isnan(gap).all(axis=1), 0.0, -_nan_min(-gap))
-        distances[on] = np.where(near > 0.0, 0.5 * (near + far), 0.5 * t)
-        layered += int(np.count_nonzero(far > LAYER_RATIO * np.maximum(near, 2.0 * t)))
-    return distances, layered / max(len(distances), 1)
-
-
-def _nan_min(values):
-    return np.where(np.isnan(values), np.inf, values).min(axis=1)
-
-
-def _thin_share(frame):
-    """Share of casters' texels before something else on both sides within two texels."""
-    thin = casters = 0
-    for i, depths in enumerate(frame.shadow_maps):
-        if not (depths < 1.0).any():
-            continue
-        span = float(np.diff(frame.cascades.depth_range[i])[0])
-        jump = 4.0 * float(frame.cascades.texel_size[i].max()) / span
-        behind = np.zeros(depths.shape, bool)
-        for axis in (0, 1):
-            ahead = np.zeros(depths.shape, bool)
-            after = np.zeros(depths.shape, bool)
-            for step in range(1, THIN_TEXELS + 1):
-                ahead |= np.roll(depths, step, axis) - depths > jump
-                after |= np.roll(depths, -step, axis) - depths > jump
-            behind |= ahead & after
-            casters += 0.5 * np.count_nonzero(ahead | after)
-        thin += np.count_nonzero(behind)
-    return float(min(thin / casters, 1.0)) if casters else 0.0
-
-
-def _summary(scene, views, cameras, suns, changes, spent):
+def _summary(scene, views, cameras, suns, sides, spent):
     """Gather the views' numbers."""
     first = views[0]
 
@@ -476,11 +378,15 @@ def _summary(scene, views, cameras, suns, changes, spent):
         depth_ratio=float(far / near),
         cascade_shares=first.cascade_shares,
         casters=first.triangles,
+        covers=first.covers,
         needless_chunks=worst("needless_chunks"),
         slope_percentiles=frozen(_percentiles(pooled("slopes"), (50, 90, 99))),
         bias_slope=float(_percentiles(pooled("gradients"), (50,))[0]),
         edge_share=length / max(facing * factor, 1.0),
         penumbra_pixels=frozen(_percentiles(penumbra, (50, 90, 99))),
+        penumbra_metres=max(
+            float(_percentiles(view.penumbra_metres(), (90,))[0]) for view in views
+        ),
         thin_share=worst("thin_share"),
         layered_share=worst("layered_share"),
         light_view_angle_deg=math.degrees(
@@ -492,8 +398,11 @@ def _summary(scene, views, cameras, suns, changes, spent):
         orthographic=first.camera.orthographic,
         camera_moves=len(cameras) > 1 and any(one != cameras[0] for one in cameras[1:]),
         sun_moves=len(suns) > 1 and any(one != suns[0] for one in suns[1:]),
-        faces_matter=float(changes[0]),
-        bias_matters=float(changes[1]),
+        front_matters=max(one.front for one in sides),
+        faces_matter=max(one.back for one in sides),
+        bias_matters=max(one.bias for one in sides),
+        back_gain=min(one.gain for one in sides),
+        lit_area=max(one.lit_area for one in sides),
         scene_triangles=int(scene.triangle_count),
         renders_ms=spent,
     )

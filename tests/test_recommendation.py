@@ -99,18 +99,6 @@ def test_soft_shadows_need_a_disc_wider_than_a_pixel(renderer, box):
     assert [one.filter for one in chosen.values()] == ["hard", "hard", "pcss"]
 
 
-def test_back_faces_cast_alone_only_where_casters_are_closed(renderer, box):
-    sun = csm.Sun((0.4, 1, 0.3))
-    assert csm.recommend(box, view(), sun, renderer=renderer).settings.caster_faces == "back"
-    sheet = csm.Scene.from_arrays(
-        [[-2, 1.5, -2], [-2, 1.5, 2], [2, 1.5, 2], [2, 1.5, -2]], [[0, 1, 2], [0, 2, 3]]
-    )
-    open_scene = csm.Scene.merge(plane(), sheet)
-    found = csm.recommend(open_scene, view(), sun, renderer=renderer)
-    assert found.settings.caster_faces == "both"
-    assert found.signals.faces_matter > 0.01
-
-
 def test_sixteen_bits_only_where_their_step_is_below_the_bias(renderer, box):
     sun = csm.Sun((1, 1, 0))
     near = csm.recommend(box, view(), sun, renderer=renderer)
@@ -293,7 +281,9 @@ def test_verification_turns_every_decision_round(renderer, box):
     proof = found.verify(renderer=renderer, repeats=1)
     assert proof.everything_on.settings == everything_on(sun)
     assert proof.recommended.settings == found.settings
-    assert [row.name for row in proof.decisions] == [row.effect for row in TABLE]
+    turned = [reason.effect for reason in found.reasons if reason.flipped is not None]
+    assert [row.name for row in proof.decisions] == turned
+    assert set(turned) == {row.effect for row in TABLE} - {"tap_count"}  # no disc, no taps
     by_name = {row.name: row for row in proof.decisions}
     truth = csm.truth(box, view(), sun)
     unshadowed = 1.0 - truth.mask[truth.facing].mean()
@@ -306,7 +296,7 @@ def test_verification_turns_every_decision_round(renderer, box):
     assert by_name["warp"].settings.warp == "lispsm"
     assert proof.confirmed_share == np.mean([row.confirmed for row in proof.decisions])
     assert json.loads(json.dumps(proof.to_dict()))["rows"][1]["error"] == proof.recommended.error
-    assert len(str(proof).splitlines()) == len(TABLE) + 3
+    assert len(str(proof).splitlines()) == len(turned) + 3
 
 
 def test_verification_refutes_a_wrong_decision(renderer, box):
@@ -343,7 +333,8 @@ def test_flicker_judges_stabilisation_on_a_path(renderer, box):
 def test_recommendation_is_near_everything_on(renderer, make, camera, sun):
     scene = make()
     sun = csm.Sun(scene.suns[sun].to_light)
-    camera = scene.cameras[camera].replace(size=SIZE)
+    # four times the pixels of the other tests: of those, 0.05 % are eighteen
+    camera = scene.cameras[camera].replace(size=(640, 360))
     truth = csm.truth(scene, camera, sun)
     found = csm.recommend(scene, camera, sun, renderer=renderer)
     ours, full = (

@@ -1,0 +1,208 @@
+"""The tables of docs/recommendation.md, from the files of bench_recommend.py.
+
+``python benchmarks/recommend_tables.py rows.jsonl quick.jsonl`` writes them between the marks in
+the docs; ``--print`` shows them instead. Of a case that is in several files the full line counts
+before the quick one, and of equals the last. Cases that no file has are listed with the reason.
+"""
+
+import argparse
+import os
+import re
+import sys
+from pathlib import Path
+
+import numpy as np
+from bench_recommend import case_names, read, scenes
+
+DOCS = Path(__file__).resolve().parents[1] / "docs" / "recommendation.md"
+RELATIVE, ABSOLUTE = 0.05, 5e-4  # how far from everything on
+FRAMES = 3  # of the recommendation, that the analysis may take
+MARKS = ("<!-- {}: benchmarks/recommend_tables.py -->", "<!-- end of {} -->")
+
+
+def gathered(paths):
+    """Lines by case, of those that have a case."""
+    lines = {}
+    for path in paths:
+        for case, line in read(path).items():
+            known = lines.get(case)
+            if known is None or worth(line) >= worth(known):
+                lines[case] = line
+    return lines
+
+
+def worth(line):
+    """What a line says: nothing but a failure, errors and times, or decisions too."""
+    return 0 if "failed" in line else 2 if line["kind"] == "full" else 1
+
+
+def is_near(line):
+    """Whether the error is within the goal of everything on."""
+    full = line["full_error"]
+    return line["error"] <= max((1.0 + RELATIVE) * full, full + ABSOLUTE)
+
+
+def what(line):
+    """The recommended settings in a few words."""
+    s = line["settings"]
+    if line["dark"]:
+        return "no shadow maps"
+    words = [f"{s['cascade_count']} x {s['map_size']}² {s['depth_format']} {s['filter']}"]
+    if s["filter"] == "pcss":
+        words.append(f"{s['tap_count']} taps")
+    words += ["turned"] if s["turned"] else []
+    words += ["sdsm"] if s["split"] == "sdsm" else []
+    words += [s["caster_faces"]] if s["caster_faces"] != "both" else []
+    return " ".join(words)
+
+
+def why_missed(line):
+    """Why an error is out of the goal: what was forecast of both."""
+    return (
+        f"forecast {100 * line['forecast']:.3f} beside {100 * line['full_forecast']:.3f}, "
+        f"is {100 * line['error']:.3f} beside {100 * line['full_error']:.3f}"
+    )
+
+
+def cases_table(lines):
+    """One row a case."""
+    out = [
+        "| case | recommended | error % | everything on % | time | confirmed | misses |",
+        "|---|---|---|---|---|---|---|",
+    ]
+    for case, line in sorted(lines.items()):
+        rows = line.get("rows")
+        held = f"{sum(row['confirmed'] for row in rows)}/{len(rows)}" if rows else ""
+        out.append(
+            f"| {case} | {what(line)} | {100 * line['error']:.3f} | "
+            f"{100 * line['full_error']:.3f} | {line['ms'] / line['full_ms']:.2f} | {held} | "
+            f"{'' if is_near(line) else why_missed(line)} |"
+        )
+    return out
+
+
+def goals_table(lines):
+    """What was to be reached, and was."""
+    rows = [row for line in lines.values() for row in line.get("rows", [])]
+    ratios = [line["ms"] / line["full_ms"] for line in lines.values()]
+    spent = np.array([line["analysis_ms"] / line["frame_ms"] for line in lines.values()])
+    out = [
+        "| goal | reached |",
+        "|---|---|",
+        "| within 5 % of the error or 0.05 % of the pixels of everything on | "
+        f"{sum(map(is_near, lines.values()))} of {len(lines)} |",
+        "| whole frame at most half the time of everything on, median | "
+        f"{np.median(ratios):.2f}, quartiles {np.percentile(ratios, 25):.2f} and "
+        f"{np.percentile(ratios, 75):.2f}, at most {max(ratios):.2f} |",
+    ]
+    if rows:
+        held, strict = (sum(row[key] for row in rows) for key in ("confirmed", "strict"))
+        out.append(
+            f"| decisions confirmed, at least 90 % | {held} of {len(rows)}, "
+            f"{held / len(rows):.1%}; {strict} ({strict / len(rows):.0%}) if what was left out may "
+            "not make the picture worse either |"
+        )
+    out.append(
+        "| the analysis costs less than three frames of the recommendation | "
+        f"{np.count_nonzero(spent < FRAMES)} of {len(spent)}; median {np.median(spent):.1f}, at "
+        f"most {spent.max():.1f} |"
+    )
+    return out
+
+
+def effects_table(lines):
+    """How each row of the table of decisions did."""
+    by_effect = {}
+    for line in lines.values():
+        for row in line.get("rows", []):
+            by_effect.setdefault(row["effect"], []).append(row)
+    out = ["| effect | taken | confirmed | strictly |", "|---|---|---|---|"]
+    for effect, rows in by_effect.items():
+        counts = [sum(row[key] for row in rows) for key in ("taken", "confirmed", "strict")]
+        out.append(f"| {effect} | " + " | ".join(f"{n} of {len(rows)}" for n in counts) + " |")
+    return out if by_effect else ["No decision was turned round."]
+
+
+def refuted_list(lines):
+    """What was refuted, by effect."""
+    by_effect = {}
+    for case, line in sorted(lines.items()):
+        for row in line.get("rows", []):
+            if not row["confirmed"]:
+                by_effect.setdefault(row["effect"], []).append(f"{case} ({row['why']})")
+    return [f"- `{effect}`: {'; '.join(cases)}" for effect, cases in by_effect.items()] or ["None."]
+
+
+def machines(lines):
+    """What ran the cases."""
+    seen = {}
+    for line in lines.values():
+        shared = f", {line['processes']} processes at once" if line["processes"] > 1 else ""
+        text = (
+            f"{line['driver']} on {line['cores']} cores{shared}, "
+            f"{line['size'][0]} x {line['size'][1]}"
+        )
+        seen[text] = seen.get(text, 0) + 1
+    return [f"- {count} cases: {text}" for text, count in sorted(seen.items())]
+
+
+def missing_list(lines, failed, folder):
+    """Cases without a line, and why."""
+    out = [f"- {case}: failed, {reason}" for case, reason in sorted(failed.items())]
+    for name, make in scenes(folder):
+        absent = [c for c, _, _ in case_names(name, make()) if c not in lines and c not in failed]
+        out += [f"- {case}: not run" for case in absent]
+    if not folder:
+        out.append("- the real scenes were not at hand to list their cases (CSM_SCENES)")
+    return out or ["None: every camera under every sun of every scene is in the table."]
+
+
+def blocks(lines, folder):
+    """Lines of text by the name of their block."""
+    failed = {case: line["failed"] for case, line in lines.items() if "failed" in line}
+    good = {case: line for case, line in lines.items() if case not in failed}
+    if not good:
+        sys.exit("no case in these files")
+    return {
+        "cases": cases_table(good),
+        "goals": goals_table(good),
+        "effects": effects_table(good),
+        "refuted": refuted_list(good),
+        "machines": machines(good),
+        "missing": missing_list(good, failed, folder),
+    }
+
+
+def replaced(text, name, lines):
+    """Text with the block of a name filled anew."""
+    first, last = (mark.format(name) for mark in MARKS)
+    pattern = re.compile(re.escape(first) + r".*?" + re.escape(last), re.DOTALL)
+    if not pattern.search(text):
+        sys.exit(f"no place for {name} in the docs: {first} … {last}")
+    body = "\n".join([first, "", *lines, "", last])
+    return pattern.sub(lambda _: body, text)
+
+
+def main():
+    options = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    options.add_argument("files", type=Path, nargs="+", metavar="FILE")
+    options.add_argument("--scenes", default=os.environ.get("CSM_SCENES"), metavar="DIR")
+    options.add_argument("--docs", type=Path, default=DOCS, metavar="FILE")
+    options.add_argument("--print", action="store_true", dest="shown")
+    arguments = options.parse_args()
+    absent = [str(path) for path in arguments.files if not path.exists()]
+    if absent:
+        options.error(f"no file {', '.join(absent)}")
+    found = blocks(gathered(arguments.files), arguments.scenes)
+    if arguments.shown:
+        for name, lines in found.items():
+            print(f"## {name}\n\n" + "\n".join(lines) + "\n")
+        return
+    text = arguments.docs.read_text(encoding="utf-8")
+    for name, lines in found.items():
+        text = replaced(text, name, lines)
+    arguments.docs.write_text(text, encoding="utf-8")
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,168 @@
+"""What a coarse frame shows: shadow edges, their occluders, what is thin among the casters."""
+
+import numpy as np
+
+from .sampling import LIT
+from .spaces import transform_points
+
+__all__ = ["blockers_of", "edges_of", "gaps_of", "outline_of", "positions_of", "thin_share_of"]
+
+EDGES = 3000  # places of edges that forecasts look at; the others count through these
+THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin
+DIRECTIONS, SLICES = 16, 12  # in which, and of depth, the outermost points are kept
+LAYER_RATIO = 2.0  # occluders whose distances from a receiver differ by this are layers
+
+
+def positions_of(camera, view_depth, rows, columns):
+    """World points (m, 3) of pixels."""
+    x, y = camera.pixel_plane()
+    across = x[columns, None] * camera.right + y[rows, None] * camera.up
+    depth = view_depth[rows, columns].astype(np.float64)[:, None]
+    if camera.orthographic:
+        return camera.eye + across - depth * camera.backward
+    return camera.eye + depth * (across - camera.backward)
+
+
+def outline_of(points, depths, light_axes):
+    """Outermost of points across the light, of every slice of depth: windows reach to them.
+
+    Parameters
+    ----------
+    points : (m, 3) float64
+    depths : (m,) float64
+        View depths [m].
+    light_axes : (2, 3) float64
+        Across the light.
+
+    Returns
+    -------
+    outline : (k, 3) float64
+        At most 192; none of none.
+    """
+    if not len(points):
+        return points
+    angles = np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
+    along = points @ light_axes.T @ np.stack([np.cos(angles), np.sin(angles)])
+    low, high = max(depths.min(), 1e-9), max(depths.max(), 2e-9)
+    slices = np.searchsorted(np.geomspace(low, high, SLICES + 1)[1:-1], depths)
+    kept = [
+        on[along[on].argmax(axis=0)]
+        for on in (np.flatnonzero(slices == k) for k in range(SLICES))
+        if len(on)
+    ]
+    return points[np.unique(np.concatenate(kept))]
+
+
+def edges_of(camera, frame, judged, lit, shrink):
+    """Places of neighbouring judged pixels on different sides of 0.5."""
+    slope_y, slope_x = np.gradient(_smoothed(lit.astype(np.float64)))
+    parts = []
+    for axis, (one, other) in enumerate(
+        (
+            (np.s_[:, :-1], np.s_[:, 1:]),
+            (np.s_[:-1, :], np.s_[1:, :]),
+        )
+    ):
+        rows, columns = np.nonzero(judged[one] & judged[other] & (lit[one] != lit[other]))
+        step = (rows + axis, columns + 1 - axis)
+        across = np.stack(
+            [slope[rows, columns] + slope[step] for slope in (slope_x, slope_y)], axis=1
+        )
+        length = np.linalg.norm(across, axis=1, keepdims=True)
+        along_axis = np.eye(2)[axis]
+        across = np.where(length > 1e-9, across / np.where(length > 1e-9, length, 1.0), along_axis)
+        dark_first = ~lit[rows, columns]
+        dark = (np.where(dark_first, rows, step[0]), np.where(dark_first, columns, step[1]))
+        parts.append((dark[0], dark[1], across, shrink * np.abs(across[:, axis])))
+    every = max(1, -(-sum(len(part[0]) for part in parts) // EDGES))
+    rows, columns, across, length = (
+        np.concatenate(column)[::every] for column in zip(*parts, strict=True)
+    )
+    length = length * every
+    return {
+        "rows": rows,
+        "columns": columns,
+        "point": positions_of(camera, frame.view_depth, rows, columns),
+        "normal": frame.normal[rows, columns].astype(np.float64),
+        "across": across,
+        "length": length,
+    }
+
+
+def _smoothed(values):
+    """Binomial mean over 5 x 5 pixels: the direction of an edge of pixels, not of a stair."""
+    padded = np.pad(values, 2, mode="edge")
+    rows = sum(w * padded[k : k + values.shape[0]] for k, w in enumerate((1, 4, 6, 4, 1)))
+    return sum(w * rows[:, k : k + values.shape[1]] for k, w in enumerate((1, 4, 6, 4, 1))) / 256.0
+
+
+def gaps_of(frame, points, rows, columns):
+    """Distance [m] from dark pixels to what the coarse map holds before them; inf for lit ones."""
+    gaps = np.full(len(rows), np.inf)
+    index = frame.cascade_index[rows, columns]
+    dark = frame.mask[rows, columns] < LIT
+    for i in range(frame.cascades.count):
+        on = np.flatnonzero(dark & (index == i))
+        size = frame.shadow_maps[i].shape[0]
+        uvz = transform_points(frame.cascades.uvz_from_world[i], points[on])
+        u, v = np.clip((uvz[:, :2] * size).astype(int), 0, size - 1).T
+        span = float(np.diff(frame.cascades.depth_range[i])[0])
+        gap = (uvz[:, 2] - frame.shadow_maps[i][v, u]) * span
+        # dark by the plane at the texel's centre alone: how near the occluder is, is not known
+        gaps[on] = np.where(gap > 0.0, gap, np.inf)
+    return gaps
+
+
+def blockers_of(frame, edges):
+    """Occluders' distances [m] at the dark side of edges, and the share with layers of them."""
+    cascades = frame.cascades
+    distances = np.zeros(len(edges["rows"]))
+    layered = 0
+    index = frame.cascade_index[edges["rows"], edges["columns"]]
+    for i in range(cascades.count):
+        on = np.flatnonzero(index == i)
+        if not len(on):
+            continue
+        depths = frame.shadow_maps[i]
+        size = depths.shape[0]
+        uvz = transform_points(cascades.uvz_from_world[i], edges["point"][on])
+        texel = np.clip((uvz[:, :2] * size).astype(int), 1, size - 2)
+        around = np.stack(
+            [depths[texel[:, 1] + dv, texel[:, 0] + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)],
+            axis=1,
+        ).astype(np.float64)
+        span = float(np.diff(cascades.depth_range[i])[0])
+        gap = (uvz[:, 2:] - around) * span
+        t = float(cascades.texel_size[i].max())
+        gap = np.where(gap > 0.5 * t, gap, np.nan)  # nearer ones are the surface itself
+        with np.errstate(all="ignore"):
+            near = np.where(np.isnan(gap).all(axis=1), 0.0, _nan_min(gap))
+            far = np.where(np.isnan(gap).all(axis=1), 0.0, -_nan_min(-gap))
+        distances[on] = np.where(near > 0.0, 0.5 * (near + far), 0.5 * t)
+        layered += int(np.count_nonzero(far > LAYER_RATIO * np.maximum(near, 2.0 * t)))
+    return distances, layered / max(len(distances), 1)
+
+
+def _nan_min(values):
+    return np.where(np.isnan(values), np.inf, values).min(axis=1)
+
+
+def thin_share_of(frame):
+    """Share of casters' texels before something else on both sides within two texels."""
+    thin = casters = 0
+    for i, depths in enumerate(frame.shadow_maps):
+        if not (depths < 1.0).any():
+            continue
+        span = float(np.diff(frame.cascades.depth_range[i])[0])
+        jump = 4.0 * float(frame.cascades.texel_size[i].max()) / span
+        behind = np.zeros(depths.shape, bool)
+        for axis in (0, 1):
+            ahead = np.zeros(depths.shape, bool)
+            after = np.zeros(depths.shape, bool)
+            for step in range(1, THIN_TEXELS + 1):
+                ahead |= np.roll(depths, step, axis) - depths > jump
+                after |= np.roll(depths, -step, axis) - depths > jump
+            behind |= ahead & after
+            casters += 0.5 * np.count_nonzero(ahead | after)
+        thin += np.count_nonzero(behind)
+    return float(min(thin / casters, 1.0)) if casters else 0.0

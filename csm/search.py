@@ -1,0 +1,298 @@
+"""Number, size, splits and axes of the maps: forecasts of every arrangement, and the choice."""
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from itertools import product
+
+from .caster_sides import FACES_SHARE
+from .decisions import (
+    COUNTS,
+    GAIN,
+    SMALLEST,
+    SOFT_PIXELS,
+    TAPS,
+    WORLD_ELEVATION_DEG,
+    Situation,
+    wanted_faces,
+    wanted_format,
+    wanted_size,
+)
+from .forecasts import CostModel, Forecaster, forecast_cost
+from .plans import map_bytes
+from .settings import ShadowSettings
+from .timing import total_ms
+from .verification import everything_on
+
+__all__ = ["Candidate", "Forecast", "Search", "cheapest", "finest", "within_budget"]
+
+STEPS = 4  # of sizes, from one to its double
+SIZES = tuple(round(SMALLEST * 2 ** (k / STEPS)) for k in range(4 * STEPS + 1))  # to 4096
+# What everything switched on may still gain, as forecast: two fifths of what it may as measured,
+# 5 % or 0.05 % of the pixels. Of 55 real pairs, forecasts within that were so measured in 52; of
+# what the factors miss, the median is 12 %.
+KNEE_SHARE, KNEE_PIXELS = 0.02, 2e-4
+TIMED = 3  # frames timed of a setting; their median counts
+ROUNDS = 4  # of timing and choosing again under a budget
+
+
+@dataclass(frozen=True)
+class Forecast:
+    """What is expected of settings.
+
+    Attributes
+    ----------
+    error : float
+    ms : float
+    met : bool
+        Whether that is on the goal's side.
+    """
+
+    error: float
+    ms: float
+    met: bool
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An arrangement of windows with maps of one size, and what is forecast of it.
+
+    Attributes
+    ----------
+    arranged : ShadowSettings
+        All but the size of the maps and what hangs on it.
+    map_size : int
+    error, ms : float
+    changes : dict
+        Size, and what hangs on it.
+    """
+
+    arranged: ShadowSettings = field(repr=False)
+    map_size: int
+    error: float
+    ms: float
+    changes: dict = field(default_factory=dict, repr=False)
+
+    @cached_property
+    def settings(self):
+        """The whole of them; made when they are asked for, since most never are."""
+        return self.arranged.replace(**self.changes)
+
+    @property
+    def texels(self):
+        """Of all maps."""
+        return self.arranged.cascade_count * self.map_size**2
+
+
+class Search:
+    """Number, size, splits and axes of the maps.
+
+    Parameters
+    ----------
+    signals : Signals
+    scene : Scene
+    goal : dict
+        ``max_error``, ``budget_ms``, ``max_bytes``.
+    largest : int
+        Side of the largest map that the driver holds [texels].
+    """
+
+    def __init__(self, signals, scene, goal, largest):
+        self.signals, self.goal = signals, goal
+        self.forecaster = Forecaster(signals, scene)
+        self._largest, self._found = largest, None
+
+    def candidates(self, model):
+        """All settings that are considered, with forecasts; the rows' answers are in them."""
+        if not sum(view.facing_count for view in self.signals.views):
+            dark = ShadowSettings(filter="none")
+            return [Candidate(dark, SMALLEST, 0.0, forecast_cost(dark, self.signals, model))]
+        if self._found is None:
+            self._found = self._forecast()
+        return [
+            replace(one, ms=forecast_cost(one.arranged, self.signals, model, map_size=one.map_size))
+            for one in self._found
+        ]
+
+    def _forecast(self):
+        """Every arrangement and size; where soft shadows are called for, under them and hard ones.
+
+        The first filter is the one that is called for.
+        """
+        soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
+        arranged = [one for count in COUNTS for one in self._arrangements(count)]
+        most, found = self.goal["max_bytes"], []
+        filters = [{"filter": "hard"}]
+        if soft:
+            filters = [{"filter": "pcss", "tap_count": taps} for taps in TAPS] + filters
+        for settings, changes in product(arranged, filters):
+            filtered = settings.replace(**changes)
+            for size in SIZES:
+                if size <= self._largest:
+                    one = self._sized(filtered, size)
+                    if most is None or map_bytes(one.settings) <= most:
+                        found.append(one)
+        if not found:
+            raise ValueError(
+                f"max_bytes must hold one map of {SMALLEST} x {SMALLEST} (got {most:g})"
+            )
+        return found
+
+    def _sized(self, settings, size):
+        at = Situation(self.signals, self.forecaster, settings)
+        changes = {"map_size": size, "depth_format": wanted_format(at, size)}
+        if settings.filter == "pcss":
+            changes["filter_size"] = min(wanted_size(at, size), _odd_below(size))
+        return Candidate(settings, size, self.forecaster.error(settings, size), 0.0, changes)
+
+    def choose(self, model):
+        """The candidate that the goal asks for."""
+        every = self.candidates(model)
+        limit, budget = self.goal["max_error"], self.goal["budget_ms"]
+        affordable = [c for c in every if budget is None or c.ms <= budget]
+        if not affordable:
+            return min(every, key=lambda c: (c.ms, c.error))
+        if limit is not None:
+            good = [c for c in affordable if c.error <= limit]
+            return min(good, key=cheapest) if good else min(affordable, key=finest)
+        if budget is not None:
+            return min(affordable, key=finest)
+        called_for = every[0].arranged.filter
+        affordable = [c for c in affordable if c.arranged.filter == called_for]
+        enough = self._enough(called_for)
+        good = [c for c in affordable if c.error <= enough]
+        return min(good, key=cheapest) if good else min(affordable, key=finest)
+
+    def _enough(self, called_for):
+        """Error at the knee, under the filter that is called for."""
+        full = everything_on(self.signals.views[0].sun).replace(filter=called_for)
+        full = self.forecaster.error(full)
+        return full + max(KNEE_PIXELS, KNEE_SHARE * full)
+
+    def forecast(self, settings, model):
+        """Error and cost of any settings, and whether they meet the goal.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        model : CostModel
+
+        Returns
+        -------
+        forecast : Forecast
+        """
+        error = float(self.forecaster.error(settings))
+        ms = float(forecast_cost(settings, self.signals, model))
+        limit, budget = self.goal["max_error"], self.goal["budget_ms"]
+        if limit is None and budget is None:
+            limit = self._enough(self.candidates(model)[0].arranged.filter)
+        met = (
+            (limit is None or error <= limit)
+            and (budget is None or ms <= budget)
+            and map_bytes(settings) <= (self.goal["max_bytes"] or math.inf)
+        )
+        return Forecast(error, ms, met)
+
+    def _arrangements(self, count):
+        """Settings for so many cascades: plain, and with splits and axes that the forecast likes.
+
+        Which of them is worth its pass over the picture, the costs decide.
+        """
+        signals = self.signals
+        moves = signals.camera_moves or signals.sun_moves
+        settings = ShadowSettings(
+            cascade_count=count,
+            fit="visible",
+            snap="exact" if moves else "none",
+            cull="exclusive" if count > 1 and signals.needless_chunks else "inclusive",
+            caster_faces=wanted_faces(signals),
+            bias="manual" if signals.bias_matters <= FACES_SHARE else "auto",
+            light_basis=(
+                "world"
+                if signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
+                else "orthonormal"
+            ),
+        )
+        every = [settings]
+        if signals.orthographic:
+            every = [settings.replace(split="uniform")]
+        elif count > 1:
+            if settings.cull != "exclusive" and not self._gains(settings, select="interval"):
+                every = [settings.replace(select="interval")]
+            every += self._better(every[0], split="sdsm")
+        if not moves:
+            every += [one for plain in every for one in self._better(plain, turned=True)]
+        return every
+
+    def _gains(self, settings, **changes):
+        """Whether settings are better than changed ones by what counts."""
+        now, then = (self.forecaster.aliasing(s) for s in (settings, settings.replace(**changes)))
+        return now < (1.0 - GAIN) * then
+
+    def _better(self, settings, **changes):
+        """Changed settings, if the forecast gains by them what counts; in a list."""
+        changed = settings.replace(**changes)
+        now, then = (self.forecaster.aliasing(s) for s in (settings, changed))
+        return [changed] if then < (1.0 - GAIN) * now else []
+
+
+def cheapest(candidate):
+    """Sort by cost, then by error."""
+    return candidate.ms, candidate.error, candidate.texels
+
+
+def finest(candidate):
+    """Sort by error, then by cost."""
+    return candidate.error, candidate.ms, candidate.texels
+
+
+def within_budget(renderer, scene, search):
+    """Choose, time the choice, correct the model, choose again until the choice fits.
+
+    Parameters
+    ----------
+    renderer : Renderer
+    scene : Scene
+    search : Search
+
+    Returns
+    -------
+    chosen : Candidate
+        With the time that was measured.
+    model : CostModel
+        Of this machine.
+    """
+    view = search.signals.views[0]
+
+    def timed(settings):
+        frames = [
+            renderer.render(scene, view.camera, view.sun, settings, outputs=("mask",))
+            for _ in range(TIMED + 1)
+        ][1:]
+        maps = [sum(ms for n, ms in f.timings_ms.items() if "shadow_map" in n) for f in frames]
+        return sorted(total_ms(f.timings_ms) for f in frames)[TIMED // 2], sorted(maps)[TIMED // 2]
+
+    model = CostModel()
+    chosen = search.choose(model)
+    fitting = None
+    for _ in range(ROUNDS):
+        total, maps = timed(chosen.settings)
+        expected_maps, expected_others = model.parts(chosen.settings, search.signals)
+        if total <= search.goal["budget_ms"] and (fitting is None or chosen.error < fitting.error):
+            fitting = replace(chosen, ms=total)
+        factor = (total - maps) / expected_others
+        model = model.scaled(factor, "frames timed here")
+        if expected_maps > 0.0 and maps > 0.0:
+            model = model.with_maps(maps / expected_maps / factor)
+        again = search.choose(model)
+        if again.settings == chosen.settings:
+            break
+        chosen = again
+    if fitting is not None:
+        return fitting, model
+    cheapest = search.choose(model)
+    return replace(cheapest, ms=timed(cheapest.settings)[0]), model
+
+
+def _odd_below(size):
+    return max(1, (size - 1) // 2 * 2 - 1)

@@ -1,0 +1,284 @@
+"""Single rows of csm.recommend: sides of casters, taps, flicker, what is off, one map or four."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+from scene_files import load_scene
+
+import csm
+from csm import shapes
+from csm.caster_sides import (
+    BACK_GAIN,
+    FACES_SHARE,
+    LEAST_LOOK,
+    LIT_MOST,
+    best_sides,
+    lit_area_share,
+    measure_sides,
+)
+from csm.decisions import TAPS
+from csm.forecasts import CostModel, Forecaster, forecast_cost
+from csm.recommendation import Reasons
+from csm.signals import measure_signals
+from csm.verification import FLICKER_FRAMES, FLICKER_POINTS, picture_error
+
+SIZE = (320, 180)
+HIGH = csm.Sun((0.4, 1, 0.3))
+
+
+def plane(half=20.0):
+    return csm.Scene([shapes.mesh("ground", shapes.ground(half))])
+
+
+def view(eye=(6, 4.5, 8), target=(-0.5, 0.6, 0), **more):
+    return csm.Camera.look_at(eye, target, fov_y_deg=45, far=100, size=SIZE, **more)
+
+
+def sheet(turned_over=False):
+    """A table's top that floats, seen by the sun from its front or from its back."""
+    corners = [[-2, 1.5, -2], [-2, 1.5, 2], [2, 1.5, 2], [2, 1.5, -2]]
+    order = [[2, 1, 0], [3, 2, 0]] if turned_over else [[0, 1, 2], [0, 2, 3]]
+    return csm.Scene.from_arrays(corners, order)
+
+
+@pytest.fixture(scope="module")
+def box():
+    return csm.scenes.plane_and_box()
+
+
+# -- sides of casters ------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("scene", "expected"),
+    [
+        (lambda: csm.Scene([shapes.mesh("box", shapes.box((-1, 0, -2), (1, 3, 1)))]), 0.5),
+        (plane, 1.0),
+        (lambda: sheet(), 1.0),
+        (lambda: sheet(turned_over=True), 0.0),
+        (lambda: csm.Scene.merge(sheet(), sheet(turned_over=True)), 0.5),
+    ],
+    ids=["box", "plain", "sheet", "sheet turned over", "both sheets"],
+)
+def test_lit_area_is_that_of_the_sides(scene, expected):
+    # the divergence theorem: both sides of a closed surface have one area across any direction
+    assert lit_area_share(scene(), HIGH.to_light) == pytest.approx(expected, abs=1e-6)
+
+
+def test_lit_area_of_mirrored_instances_is_that_of_what_they_show():
+    mesh = shapes.mesh("ground", shapes.ground(3.0))
+    mirror = np.diag([-1.0, 1.0, 1.0, 1.0])  # across x: the ground still looks up
+    scene = csm.Scene([mesh], [0, 0], [np.eye(4), mirror])
+    assert lit_area_share(scene, HIGH.to_light) == pytest.approx(1.0)
+    upside_down = np.diag([1.0, -1.0, -1.0, 1.0])
+    scene = csm.Scene([mesh], [0, 0], [np.eye(4), upside_down])
+    assert lit_area_share(scene, HIGH.to_light) == pytest.approx(0.5)
+
+
+def test_sides_by_their_shares():
+    assert best_sides(0.0, 1.0, 0.0, 0.5) == "front"
+    assert best_sides(1e-5, 1.0, 0.0, 0.5) == "both"
+    assert best_sides(0.0, FACES_SHARE, 0.0, LIT_MOST + 0.01) == "back"
+    assert best_sides(0.0, 0.01, BACK_GAIN, LIT_MOST + 0.01) == "back"
+    assert best_sides(0.0, 0.01, 0.9 * BACK_GAIN, LIT_MOST + 0.01) == "front"
+
+
+def test_sides_that_cast_are_those_that_the_scene_has(renderer, box):
+    def chosen(*scenes):
+        scene = csm.Scene.merge(plane(), *scenes)
+        return csm.recommend(scene, view(), HIGH, renderer=renderer)
+
+    assert chosen(sheet()).settings.caster_faces == "front"
+    found = chosen(sheet(turned_over=True))
+    assert found.settings.caster_faces == "both"
+    assert found.signals.front_matters > 0.01
+    closed = csm.recommend(box, view(), HIGH, renderer=renderer)
+    assert closed.settings.caster_faces != "both"
+
+
+@pytest.mark.parametrize("count", [LEAST_LOOK - 1, LEAST_LOOK])
+def test_few_pixels_do_not_say_which_sides_cast(box, count):
+    lit, judged, asked = np.zeros((50, 50), bool), np.ones((50, 50), bool), []
+
+    def again(**changes):
+        asked.append(changes)
+        return lit
+
+    sides = measure_sides(box, HIGH, lit, judged, count, again)
+    assert bool(asked) == (count == LEAST_LOOK)
+    assert sides.front == (0.0 if asked else 1.0)
+
+
+def test_front_sides_of_closed_casters_make_the_same_map(renderer, box):
+    both = csm.ShadowSettings(map_size=256, cascade_count=2)
+    frames = [
+        renderer.render(box, view(), HIGH, both.replace(caster_faces=sides))
+        for sides in ("both", "front")
+    ]
+    assert np.array_equal(frames[0].shadow_maps, frames[1].shadow_maps)
+    assert (frames[0].mask < 0.5)[frames[0].valid].any()
+
+
+def test_terrain_casts_by_its_backs(renderer):
+    """Slopes turned from the sun throw every shadow, and no lit slope shadows itself by them."""
+    x = np.linspace(-1.0, 1.0, 65)
+    heights = 18.0 * np.exp(-40.0 * ((x - 0.1)[:, None] ** 2 + (x + 0.2) ** 2))
+    heights += 10.0 * np.exp(-60.0 * ((x + 0.4)[:, None] ** 2 + (x - 0.1) ** 2))
+    scene = csm.Scene.from_elevation(heights, 4.0)
+    centre, sun = scene.bounds.mean(axis=0), csm.Sun.from_compass(120, 30)
+    camera = csm.Camera.look_at(centre + np.array([0, 120, 180]), centre, far=900, size=SIZE)
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
+    assert found.signals.lit_area > LIT_MOST
+    assert found.settings.caster_faces == "back"
+    truth = csm.truth(scene, camera, sun)
+    assert (truth.mask[truth.facing] < 0.5).any()
+    changes = {"caster_faces": "both", "bias": "auto"}
+    back, both = (
+        picture_error(renderer.render(scene, camera, sun, settings), truth)
+        for settings in (found.settings, found.settings.replace(**changes))
+    )
+    assert back <= both + FACES_SHARE  # a handful of pixels either way
+
+
+# -- what is left out ------------------------------------------------------------------------------
+
+
+def test_view_in_the_dark_is_looked_at_once(renderer, monkeypatch):
+    renders = []
+    render = type(renderer).render
+
+    def counted(self, *arguments, **more):
+        renders.append(arguments)
+        return render(self, *arguments, **more)
+
+    monkeypatch.setattr(type(renderer), "render", counted)
+    found = csm.recommend(plane(), view(), csm.Sun((0.2, -1.0, 0.1)), renderer=renderer)
+    assert found.settings.filter == "none"
+    assert len(renders) == 1
+
+
+#: What belongs to an effect that is off, and must not matter: by what must be off.
+BELONGS = {
+    ("filter", "hard"): {"filter_size": 9, "tap_count": 8, "disc": "vogel", "rotated": True},
+    ("blend", "none"): {"blend_width": 0.4},
+    ("bias", "auto"): {"constant_bias_texels": 3.0, "slope_bias": 2.0},
+    ("snap", "none"): {"level_count": 16, "level_hysteresis": 2},
+    ("storage", "array"): {"tile_border": 4, "copied_tiles": True},
+    ("split", "practical"): {"manual_splits": (1.0,)},
+    ("depth_range", "scene"): {"manual_depth_range": (0.0, 9.0)},
+    ("cascade_count", 1): {"cull": "exclusive", "lam": 0.9, "blend": "linear"},
+}
+
+
+@pytest.mark.parametrize("sun", [HIGH, csm.Sun((0.2, -1.0, 0.1))], ids=["lit", "dark"])
+def test_what_a_recommendation_leaves_out_is_absent(renderer, box, sun):
+    settings = csm.recommend(box, view(), sun, renderer=renderer).settings
+    expected = renderer.render(box, view(), sun, settings, outputs=("mask",))
+    planned, off = csm.plan(settings, outputs=("mask",)), []
+    for (name, value), changes in BELONGS.items():
+        if settings.filter != "none" and getattr(settings, name) != value:
+            continue
+        off.append(name)
+        named = settings.replace(**changes)
+        assert csm.plan(named, outputs=("mask",)) == planned, name  # passes, textures, keys, bytes
+        frame = renderer.render(box, view(), sun, named, outputs=("mask",))
+        assert frame.info["programs_compiled"] == 0, name
+        assert frame.info["bytes"] == expected.info["bytes"], name
+        assert np.array_equal(frame.mask, expected.mask), name
+    assert {"filter", "blend", "snap", "storage", "depth_range"} <= set(off)
+
+
+def test_a_point_has_no_penumbra_and_a_still_no_lattice(renderer):
+    scene = csm.scenes.stairs(6)
+    camera = scene.cameras["side"].replace(size=SIZE)
+    found = csm.recommend(scene, camera, csm.Sun.from_compass(285, 32), renderer=renderer)
+    assert found.settings.filter == "hard"
+    assert found.settings.snap == "none"
+    assert not found.signals.penumbra_pixels.any()
+
+
+# -- taps and flicker ------------------------------------------------------------------------------
+
+
+def test_taps_are_as_many_as_the_error_asks_for(renderer, box):
+    sun = csm.Sun((1, 1, 0), 4.0)
+    signals = measure_signals(renderer, box, [view()], [sun])
+    forecaster = Forecaster(signals, box)
+    soft = csm.ShadowSettings(filter="pcss", fit="visible", snap="none")
+    few, many = (soft.replace(tap_count=taps) for taps in TAPS)
+    assert forecaster.error(few) > forecaster.error(many)
+    assert forecast_cost(few, signals) < forecast_cost(many, signals)
+    loose, fine = (
+        csm.recommend(box, view(), sun, max_error=error, renderer=renderer)
+        for error in (1.1 * forecaster.error(few), 0.98 * forecaster.error(few))
+    )
+    assert loose.settings.tap_count == TAPS[0]
+    assert fine.settings.tap_count == TAPS[1] or fine.settings.filter == "hard"
+
+
+def test_flicker_of_a_path_is_that_of_csm_flicker(renderer, box):
+    path = [view(eye=(6 + 0.031 * k, 4.5 + 0.017 * k, 8)) for k in range(FLICKER_FRAMES + 1)]
+    sun = csm.Sun((1, 0.8, 0.3))
+    found = csm.recommend(box, path, sun, max_error=0.01, renderer=renderer)
+    snap = next(reason for reason in found.reasons if reason.effect == "snap")
+    proof = dataclasses.replace(found, reasons=Reasons([snap])).verify(renderer=renderer, repeats=1)
+    truth = csm.truth(box, path[0], sun)
+    seen = np.flatnonzero(truth.valid & truth.facing)
+    seen = seen[:: -(-len(seen) // FLICKER_POINTS)]
+    points, normals = (a.reshape(-1, 3)[seen] for a in (truth.position, truth.normal))
+    frames = [
+        renderer.render(
+            box, camera, sun, snap.flipped, outputs=("mask",), points=points, point_normals=normals
+        )
+        for camera in path[:FLICKER_FRAMES]
+    ]
+    assert proof.decisions[0].flicker == csm.flicker(frames, scene=box).mean > 0.0
+
+
+# -- forecasts -------------------------------------------------------------------------------------
+
+
+def test_forecasts_of_another_size_are_those_of_its_settings(renderer, box):
+    signals = measure_signals(renderer, box, [view()], [HIGH])
+    forecaster = Forecaster(signals, box)
+    settings = csm.ShadowSettings(cascade_count=2, map_size=300, fit="visible", snap="none")
+    other = settings.replace(map_size=1234)
+    assert forecaster.error(settings, 1234) == forecaster.error(other) < forecaster.error(settings)
+    assert np.array_equal(forecaster.texel_sides(settings, 1234), forecaster.texel_sides(other))
+    assert forecast_cost(settings, signals, map_size=1234) == forecast_cost(other, signals)
+    maps = [
+        CostModel().parts(settings.replace(caster_faces=sides), signals)[0]
+        for sides in ("front", "both", "back")
+    ]
+    fill = maps[1] - CostModel(map_texel=0.0).parts(settings, signals)[0]
+    # the sides share the fill between them
+    assert maps[0] + maps[2] == pytest.approx(2 * maps[1] - fill)
+
+
+@pytest.mark.parametrize(
+    ("name", "camera", "sun"),
+    [
+        ("denhaag_lod2", "oblique", "winter"),
+        ("denhaag_lod2", "street", "winter"),
+        ("ms_shadow_columns", "aisle", "dueling"),
+    ],
+)
+def test_one_map_or_four_is_decided_as_measured(renderer, name, camera, sun):
+    """At equal memory, and by what is measured: nothing beats the choice by more than a tenth."""
+    scene = load_scene(name)
+    camera, sun = scene.cameras[camera].replace(size=(640, 360)), scene.suns[sun]
+    truth = csm.truth(scene, camera, sun)
+
+    def error(settings):
+        return picture_error(renderer.render(scene, camera, sun, settings), truth)
+
+    four = csm.ShadowSettings(fit="sphere", snap="none")
+    one = four.replace(cascade_count=1, map_size=4096)
+    forecaster = Forecaster(measure_signals(renderer, scene, [camera], [sun]), scene)
+    measured = [error(one), error(four)]
+    assert np.argmin([forecaster.error(one), forecaster.error(four)]) == np.argmin(measured)
+    found = csm.recommend(
+        scene, camera, sun, max_error=0.0, max_bytes=csm.plans.map_bytes(four), renderer=renderer
+    )
+    assert error(found.settings) <= 1.1 * min(measured)
