@@ -28,6 +28,7 @@ ENGINES = {
 SEEN = ("sdsm", "histogram")  # splits that are fitted to what is seen
 # What means nothing with a single cascade.
 OF_SEVERAL = ("select", *SPLITS, *BLEND)
+WITH_TAPS = ("poisson", "pcss")  # filters that draw taps in a disc
 ALL_OF_THEM = {field.name: field.default for field in fields(ShadowSettings)}
 
 
@@ -266,6 +267,8 @@ def _without_setting(engine, at, settings):
             continue
         if at.ours == 1 and name in OF_SEVERAL:
             built_in[name] = "one cascade: nothing to choose"
+        elif name == "tap_count" and at.settings.filter not in WITH_TAPS:
+            built_in[name] = f"{at.settings.filter}: no taps"
         else:
             missing[name] = f"{getattr(at.settings, name)}: no setting for it"
     return built_in, missing

@@ -635,9 +635,9 @@ def test_recommendation_is_exported_with_what_was_seen_and_so_it_is_from_a_file(
     found = csm.recommend(box, CAMERA, SUN, max_error=0.002, renderer=renderer)
     again = csm.Recommendation.from_json(found.to_json())
     assert found.settings.fit == "visible"
-    ours = csm.fit_cascades(
-        CAMERA, SUN, found.settings, scene=box, receivers=found.signals.views[0].receivers
-    )
+    coarse = found.signals.views[0]
+    seen = np.concatenate([coarse.receivers, coarse.outline])
+    ours = csm.fit_cascades(CAMERA, SUN, found.settings, scene=box, receivers=seen)
     assert found.splits == tuple(ours.splits)
     assert found.texels == tuple(ours.texel_size.max(axis=1))
     for engine in ENGINES:

@@ -343,4 +343,4 @@ def test_command_exports(tmp_path, capsys):
     assert cli.main([*WORDS, "--json", "--export", "unity"]) == 0
     exported = json.loads(capsys.readouterr().out)["exports"]["unity"]
     assert exported["settings"]["shadowDistance"]["unit"] == "m"
-    assert exported["missing"]["select"]
+    assert exported["missing"]["fit"]
