@@ -17,6 +17,7 @@ from csm.caster_sides import (
     lit_area_share,
     measure_sides,
 )
+from csm.coarse_look import outline_of
 from csm.decisions import TAPS
 from csm.forecasts import CostModel, Forecaster, forecast_cost
 from csm.recommendation import Reasons
@@ -254,6 +255,35 @@ def test_forecasts_of_another_size_are_those_of_its_settings(renderer, box):
     fill = maps[1] - CostModel(map_texel=0.0).parts(settings, signals)[0]
     # the sides share the fill between them
     assert maps[0] + maps[2] == pytest.approx(2 * maps[1] - fill)
+
+
+def test_outline_holds_the_outermost_points_of_every_slice():
+    rng = np.random.default_rng(5)
+    points = rng.normal(size=(4000, 3)) * (30.0, 1.0, 90.0)
+    depths = np.geomspace(1.0, 400.0, len(points))
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
+    kept = outline_of(points, depths, axes)
+    assert len(kept) <= 192
+    everywhere = {tuple(point) for point in points}
+    assert all(tuple(point) in everywhere for point in kept)
+    for angle in np.arange(16) * np.pi / 8:
+        direction = np.array([np.cos(angle), np.sin(angle)]) @ axes
+        assert (kept @ direction).max() == pytest.approx((points @ direction).max())
+    nearest = points[depths < depths[-1] ** (1 / 12)]  # the first of twelve slices in equal ratios
+    assert tuple(nearest[(nearest @ axes[0]).argmax()]) in {tuple(point) for point in kept}
+    assert len(outline_of(points[:0], depths[:0], axes)) == 0
+
+
+def test_windows_of_forecasts_are_those_of_frames(renderer):
+    """Far receivers are few pixels, and hold a window open all the same."""
+    scene = csm.scenes.town(8000)
+    camera = scene.cameras["street"].replace(size=(640, 360))
+    sun = csm.Sun(scene.suns["afternoon"].to_light)
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    settings = csm.ShadowSettings(cascade_count=1, map_size=512, fit="visible", snap="none")
+    frame = renderer.render(scene, camera, sun, settings, outputs=("mask",))
+    expected = Forecaster(signals, scene).texel_sides(settings)
+    assert expected == pytest.approx(frame.cascades.texel_size.max(axis=1), rel=0.15)
 
 
 @pytest.mark.parametrize(
