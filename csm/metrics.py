@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from .causes import CAUSES, Stages
+from .frame import Frame
 from .sampling import (
     LIT,
     NO_CASCADE,
@@ -21,6 +22,7 @@ from .sampling import (
     undersampling,
     visibilities,
 )
+from .tracing import Truth
 
 __all__ = ["EdgeYardstick", "ErrorReport", "compare", "edge_yardstick", "undersampling"]
 
@@ -324,11 +326,16 @@ def compare(frame, truth, *, valid=None):
     Raises
     ------
     TypeError
-        If one is an array and the other is not.
+        If one is an array and the other is not, or a Truth comes first.
     ValueError
         If sizes differ, values leave [0, 1], the frame lacks an output that is needed, or frame and
         truth do not show the same camera and sun.
     """
+    if isinstance(frame, Truth) or isinstance(truth, Frame):
+        raise TypeError(
+            "compare takes the Frame first and the Truth second "
+            f"(got {type(frame).__name__} and {type(truth).__name__})"
+        )
     rendered, traced = hasattr(frame, "mask"), hasattr(truth, "mask")
     if rendered != traced:
         raise TypeError(

@@ -4,6 +4,7 @@ The same points are asked for in every frame, so that the camera's own motion is
 nothing is warped or interpolated (docs/numerics.md 15).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
@@ -144,6 +145,10 @@ def flicker(frames, *, scene=None):
         If there are fewer than two frames, one was rendered without points or with others, or the
         sun moves and no scene is given.
     """
+    if not isinstance(frames, Iterable):
+        raise TypeError(
+            f"frames must be a sequence of two Frames or more (got one {type(frames).__name__})"
+        )
     frames = list(frames)
     if len(frames) < 2:
         raise ValueError(f"flicker needs two frames or more (got {len(frames)})")

@@ -13,6 +13,7 @@ from pathlib import Path
 
 import numpy as np
 
+from .arguments import check_folder
 from .report_pictures import crop_picture, error_crop_picture, front_picture
 from .report_tables import (
     MIB,
@@ -85,6 +86,7 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     dataset = _by_technique(dataset)
     hard = hard_case_table(hard_cases)
     folder = Path(out)
+    check_folder(folder, "out")
     folder.mkdir(parents=True, exist_ok=True)
     pictures = {}
     dataset = dataset.transpose("case", "technique", ...)

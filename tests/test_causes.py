@@ -330,6 +330,16 @@ def test_arrays_alone_have_no_causes():
             getattr(report, name)
 
 
+def test_what_is_swapped_is_said(renderer, truth):
+    frame = renderer.render(SCENE, CAMERA, SUN, csm.ShadowSettings(map_size=64))
+    for words in ((truth, frame), (frame, frame), (truth, truth)):
+        kinds = " and ".join(type(word).__name__ for word in words)
+        with pytest.raises(
+            TypeError, match=rf"the Frame first and the Truth second \(got {kinds}\)"
+        ):
+            csm.compare(*words)
+
+
 def test_a_blended_frame_needs_its_single_mask(renderer, truth):
     settings = csm.ShadowSettings(map_size=64, blend="linear")
     frame = renderer.render(

@@ -263,6 +263,12 @@ def test_bad_paths_are_refused(surface, frames, scene, words):
         csm.flicker(frames(surface), scene=scene)
 
 
+def test_one_frame_is_no_path(surface):
+    (frame,) = fakes([[1.0]], [[0]], surface)
+    with pytest.raises(TypeError, match=r"frames must be a sequence .*got one FakeFrame"):
+        csm.flicker(frame)
+
+
 def test_report_is_made_of_arrays():
     report = FlickerReport(np.array([[0.5, np.nan]]), np.array([[False, False]]))
     assert report.mean == 0.5

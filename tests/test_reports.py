@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import csm
-from csm import cli
+from csm import cli, report_command
 from csm.hard_cases import CASES, RECORDS
 from csm.report_command import chosen_techniques
 from csm.report_pictures import crop_picture, error_crop_picture, front_picture
@@ -127,6 +127,78 @@ def test_two_scenes_of_one_name_are_not_one(tmp_path, capsys):
         capsys.readouterr().err
     )
     assert not (tmp_path / "page").exists()
+
+
+@pytest.fixture
+def refused(tmp_path, capsys, monkeypatch):
+    """The sentence that `csm report` refuses some words with, nothing swept."""
+    monkeypatch.setattr(report_command, "sweep", None)
+
+    def refused(*words):
+        assert cli.main(["report", *words, "--out", str(tmp_path / "page")]) == 2
+        (line,) = capsys.readouterr().err.splitlines()
+        assert not (tmp_path / "page").exists()
+        return line
+
+    return refused
+
+
+@pytest.mark.parametrize(
+    ("words", "text"),
+    [
+        (["town:nocam", "--quiet"], "the camera in SCENE 'town:nocam' must be one of street"),
+        (["town::nosun", "--quiet"], "the sun in SCENE 'town::nosun' must be one of noon"),
+        (["town:a:b:c", "--quiet"], "as SCENE:CAMERA:SUN (got 'town:a:b:c')"),
+        (["nowhere:a", "--quiet"], "SCENE must be a file or one of"),
+    ],
+)
+def test_what_is_wrong_with_a_scene_is_said_of_it(refused, words, text):
+    assert text in refused(*words)
+
+
+@pytest.mark.parametrize(
+    ("option", "value", "text"),
+    [
+        ("--repeats", "0", "--repeats must be a number from 1 to 10000 (got 0)"),
+        ("--sun-diameter", "-1", "--sun-diameter: angular_diameter_deg must be"),
+        ("--rays", "0", "--rays must be"),
+    ],
+)
+def test_bad_options_are_refused_before_scenes_load(refused, monkeypatch, option, value, text):
+    monkeypatch.setattr(report_command, "find_scene", None)
+    assert text in refused("town", option, value)
+
+
+def test_colons_in_a_path_are_the_paths(tmp_path, monkeypatch):
+    loaded = []
+
+    def load(source):
+        loaded.append(source)
+        return csm.scenes.plane_and_box()
+
+    monkeypatch.setattr(report_command, "find_scene", load)
+    monkeypatch.chdir(tmp_path)
+    for name in ("a", "a:corner", "b:c.obj"):
+        (tmp_path / name).write_text("")
+    for text, source, camera in (
+        ("b:c.obj", "b:c.obj", None),
+        ("b:c.obj:contact", "b:c.obj", "contact"),
+        ("b:c.obj:contact:grazing", "b:c.obj", "contact"),
+        ("a:contact", "a", "contact"),
+        ("a:corner:contact", "a:corner", "contact"),
+        ("town:corner", "town", "corner"),
+    ):
+        name, (scene, found, _) = report_command.find_case(text, (64, 48))
+        assert loaded.pop() == source
+        camera = next(iter(scene.cameras)) if camera is None else camera
+        assert np.array_equal(found.eye, scene.cameras[camera].eye)
+        assert f", {camera}, " in name
+
+
+def test_a_file_in_the_pages_place_is_refused(dataset, tmp_path):
+    (tmp_path / "file").write_text("")
+    with pytest.raises(NotADirectoryError, match=r"out .*: is a file, not a folder"):
+        csm.report(dataset, out=tmp_path / "file")
 
 
 def test_crop_holds_most_of_the_error():
