@@ -1,6 +1,7 @@
 """Words of the command line to scenes, cameras, suns and settings; every refusal is a sentence."""
 
 import difflib
+import os
 import re
 from dataclasses import fields
 from pathlib import Path
@@ -17,6 +18,7 @@ from .tracing import MAX_RAYS_PER_PIXEL
 __all__ = [
     "INTERRUPTED",
     "add_backend_option",
+    "check_folder",
     "find_camera",
     "find_scene",
     "find_sun",
@@ -42,7 +44,29 @@ def add_backend_option(add):
     )
 
 
-def find_scene(text, ground=None):
+def check_folder(folder, said="--out"):
+    """Refuse a folder that cannot be written, before any work is done.
+
+    Parameters
+    ----------
+    folder : Path
+        May be new; may hold other files, which are left alone.
+    said : str
+        What the user wrote before it.
+
+    Raises
+    ------
+    OSError
+        If it is a file, or it or the nearest folder above it is not writable.
+    """
+    if folder.exists() and not folder.is_dir():
+        raise NotADirectoryError(f"{said} {folder}: is a file, not a folder")
+    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
+    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
+        raise PermissionError(f"{said} {folder}: {existing} is not a folder that may be written to")
+
+
+def find_scene(text, ground=None, said="SCENE"):
     """Load a file, or make the scene of that name.
 
     Parameters
@@ -51,6 +75,8 @@ def find_scene(text, ground=None):
         A name of `csm.scenes.SCENES`, or a path; a file named like a made scene is ``./name``.
     ground : float, optional
         Put a ground at this height over the scene's georeference [m].
+    said : str
+        What a refusal calls the text.
 
     Returns
     -------
@@ -70,12 +96,12 @@ def find_scene(text, ground=None):
     else:
         known = ", ".join(SCENES)
         raise ValueError(
-            f"SCENE must be a file or one of {known} (got {text!r}{_hint(text, SCENES)})"
+            f"{said} must be a file or one of {known} (got {text!r}{_hint(text, SCENES)})"
         )
     return scene if ground is None else scene.with_ground(scene.georeference[1] + ground)
 
 
-def find_camera(scene, text, size):
+def find_camera(scene, text, size, said="--camera"):
     """Return the camera of that name, or the one described, with a number of pixels.
 
     Parameters
@@ -87,6 +113,8 @@ def find_camera(scene, text, size):
         None: the scene's first camera.
     size : (int, int)
         Width and height in pixels.
+    said : str
+        What a refusal calls the text.
 
     Returns
     -------
@@ -99,7 +127,7 @@ def find_camera(scene, text, size):
         If there is no such camera or the description is wrong.
     """
     if text is None or "=" not in text:
-        name = _named("camera", text, scene.cameras, "eye=x,y,z,target=x,y,z")
+        name = _named("camera", said, text, scene.cameras, "eye=x,y,z,target=x,y,z")
         return name, scene.cameras[name].replace(size=size)
     words = {}
     for part in re.split(r",(?=\s*[A-Za-z_]+\s*=)", text):
@@ -108,13 +136,13 @@ def find_camera(scene, text, size):
         if word not in CAMERA_WORDS or word in words:
             problem = "twice" if word in words else f"unknown{_hint(word, CAMERA_WORDS)}"
             raise ValueError(
-                f"--camera takes {', '.join(CAMERA_WORDS)}, each once ({word!r} is {problem})"
+                f"{said} takes {', '.join(CAMERA_WORDS)}, each once ({word!r} is {problem})"
             )
         count = 3 if word in ("eye", "target", "up") else 1
-        words[word] = _numbers(f"--camera {word}", value, count)
+        words[word] = _numbers(f"{said} {word}", value, count)
     for word in ("eye", "target"):
         if word not in words:
-            raise ValueError(f"--camera needs {word}=x,y,z (got {text!r})")
+            raise ValueError(f"{said} needs {word}=x,y,z (got {text!r})")
     # Looked at locally and moved: a direction between points at 1e6 m would lose digits.
     eye, target = words["eye"], words["target"]
     farthest = np.abs(scene.bounds - scene.georeference - eye).max(axis=0)
@@ -127,7 +155,7 @@ def find_camera(scene, text, size):
     return None, camera.translated(scene.georeference)
 
 
-def find_sun(scene, text, diameter=None):
+def find_sun(scene, text, diameter=None, said="--sun"):
     """Return the sun of that name, or the one described.
 
     Parameters
@@ -138,6 +166,8 @@ def find_sun(scene, text, diameter=None):
         compass: 0 north (-z), 90 east (+x). None: the scene's first sun.
     diameter : float, optional
         Of the disc [degrees]; by default the named sun's own, or 0.
+    said : str
+        What a refusal calls the text.
 
     Returns
     -------
@@ -151,10 +181,10 @@ def find_sun(scene, text, diameter=None):
     """
     name = None
     if text is None or not re.match(r"\s*[-+.\d]", text):
-        name = _named("sun", text, scene.suns, "x,y,z or azimuth,elevation")
+        name = _named("sun", said, text, scene.suns, "x,y,z or azimuth,elevation")
         sun = scene.suns[name]
     else:
-        numbers = _numbers("--sun", text, 2, 3)
+        numbers = _numbers(said, text, 2, 3)
         sun = Sun(numbers) if len(numbers) == 3 else Sun.from_compass(*numbers)
     return name, sun if diameter is None else Sun(sun.to_light, diameter)
 
@@ -292,15 +322,15 @@ def _numbers(what, text, *counts):
     return numbers
 
 
-def _named(kind, name, views, otherwise):
+def _named(kind, said, name, views, otherwise):
     if name in views:
         return name
     if name is None:
         if views:
             return next(iter(views))
-        raise ValueError(f"the scene brings no {kind}: give one with --{kind} {otherwise}")
+        raise ValueError(f"the scene brings no {kind}: give one with {said} {otherwise}")
     known = f"one of {', '.join(views)}, or {otherwise}" if views else f"{otherwise}"
-    raise ValueError(f"--{kind} must be {known} (got {name!r}{_hint(name, views)})")
+    raise ValueError(f"{said} must be {known} (got {name!r}{_hint(name, views)})")
 
 
 def _hint(word, known):

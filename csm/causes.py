@@ -4,6 +4,11 @@ V0 is the truth at a pixel's point. V1 is exact visibility where the map's texel
 the surface's tangent plane; V2 the mean of V1 over the texels that the filter averages, with its
 weights. V3 is what the shadow map itself gave for the one cascade, V4 the mask. Neighbouring stages
 differ by one cause each, so the causes add up.
+
+Soft shadows (`pcss`) of a sun with a disc mean to average the disc, not texels, so they have no
+stage of texels: V1 is V0 of the point sun; V2 is V3 within the true penumbra, where every error is
+one of width or noise, and the soft truth where all of the disc is seen or none of it. Under a point
+sun they are a hard compare and judged as one.
 """
 
 from functools import cached_property
@@ -12,7 +17,7 @@ import numpy as np
 
 from .disc import SOFT_RAYS
 from .footprints import half_widths, pixel_lots, taps_of
-from .sampling import undersampling
+from .sampling import output_of, undersampling, visibilities
 from .tracing import truth
 
 __all__ = ["CAUSES", "Stages"]
@@ -63,9 +68,16 @@ class Stages:
             spread[pixels] = values_of(cascade, pixels)
         return spread.reshape(self.judged.shape)
 
+    @property
+    def _averages_disc(self):
+        """Whether the filter stands for the sun's disc, and there is one."""
+        return self.settings.filter == "pcss" and self.truth.sun.angular_diameter_deg > 0.0
+
     @cached_property
     def at_texel_centres(self):
-        """V1: (h, w) float64, 0 where not judged."""
+        """V1: (h, w) float64, 0 where not judged; of soft shadows the truth of the point sun."""
+        if self._averages_disc:
+            return np.where(self.judged, np.asarray(self.truth.mask_point, np.float64), 0.0)
 
         def values(cascade, pixels):
             surface = _Surface(self, cascade, pixels)
@@ -77,17 +89,27 @@ class Stages:
     def filtered(self):
         """V2: (h, w) float64, 0 where not judged.
 
-        Soft shadows mean to average the sun's disc, not texels: theirs is the soft truth.
+        Of soft shadows V3 within the true penumbra and the soft truth elsewhere.
         """
-        if self.settings.filter == "hard":
+        if self._averages_disc:
+            soft = self._soft_truth()
+            partly = (soft > 0.0) & (soft < 1.0)
+            return np.where(self.judged, np.where(partly, self.single, soft), 0.0)
+        if self.settings.filter in ("hard", "pcss"):
             return self.at_texel_centres
-        if self.settings.filter == "pcss":
-            return np.where(self.judged, self._soft_truth(), 0.0)
         return self._spread(self._filtered)
+
+    @cached_property
+    def single(self):
+        """V3: (h, w) float64, what the shadow map gave for the one cascade."""
+        name = "mask_single"
+        if self.settings.blend == "none" and self.settings.fade_width == 0.0:
+            name = "mask"
+        return visibilities(f"frame.{name}", output_of(self.frame, name))
 
     def _soft_truth(self):
         exact = self.truth
-        if exact.rays_per_pixel == 1 and exact.sun.angular_diameter_deg > 0.0:
+        if exact.rays_per_pixel == 1:
             exact = truth(exact.scene, exact.camera, exact.sun, rays_per_pixel=SOFT_RAYS)
         return np.asarray(exact.mask, np.float64)
 

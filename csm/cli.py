@@ -6,12 +6,14 @@ import re
 import sys
 import tempfile
 import time
+import warnings
 from contextlib import contextmanager
 from pathlib import Path
 
 from .arguments import (
     INTERRUPTED,
     add_backend_option,
+    check_folder,
     find_camera,
     find_scene,
     find_sun,
@@ -39,7 +41,6 @@ from .report_command import REPORT_EXAMPLES, REPORT_HELP, add_report_options, ru
 from .results import (
     BY_SIGN,
     LANDSCAPE,
-    check_folder,
     summarise,
     summary_text,
     write_results,
@@ -113,7 +114,9 @@ def main(arguments=None):
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
         options = _parser().parse_args(_joined(arguments))
-        return options.run(options) or 0
+        with warnings.catch_warnings():
+            warnings.showwarning = _say
+            return options.run(options) or 0
     except SystemExit as stop:  # argparse: help and version with 0, refusals with 2
         return stop.code
     except KeyboardInterrupt:
@@ -122,9 +125,14 @@ def main(arguments=None):
     except (CsmError, ImportError, MemoryError, OSError, TypeError, ValueError) as error:
         if os.environ.get("CSM_TRACEBACK"):
             raise
-        sentence = "; ".join(line.strip() for line in str(error).splitlines() if line.strip())
-        print(f"csm: {sentence or type(error).__name__}", file=sys.stderr)
+        _say(error)
         return BAD_INPUT
+
+
+def _say(message, *_where, **_source):
+    """Print an error or a warning as one sentence, without the place in the source."""
+    sentence = "; ".join(line.strip() for line in str(message).splitlines() if line.strip())
+    print(f"csm: {sentence or type(message).__name__}", file=sys.stderr)
 
 
 class _Parser(argparse.ArgumentParser):

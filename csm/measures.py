@@ -3,6 +3,7 @@
 See docs/numerics.md 15.
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from itertools import pairwise
 
@@ -11,6 +12,7 @@ import numpy as np
 from .metrics import compare
 from .sampling import LIT, pixels_per_texel, undersampling
 from .settings import ShadowSettings
+from .tracing import Truth
 
 __all__ = [
     "EdgeDistances",
@@ -70,10 +72,25 @@ def boundary_distance(frame, truth):
     Returns
     -------
     distances : EdgeDistances
+
+    Raises
+    ------
+    TypeError
+        If they are plain arrays, or anything else.
     """
-    judged = compare(frame, truth).judged
+    judged = _report("boundary_distance", frame, truth).judged
     mask, reference = _edges(frame.mask, judged), _edges(truth.mask, judged)
     return EdgeDistances(_nearest(mask, reference), _nearest(reference, mask))
+
+
+def _report(name, frame, truth):
+    """Compare a Frame and a Truth; plain arrays have neither surfaces nor cascades."""
+    if not hasattr(frame, "cascades") or not isinstance(truth, Truth):
+        raise TypeError(
+            f"{name} takes a Frame and a Truth "
+            f"(got {type(frame).__name__} and {type(truth).__name__}); csm.compare judges arrays"
+        )
+    return compare(frame, truth)
 
 
 def _edges(mask, judged):
@@ -139,12 +156,14 @@ def penumbra_error(frame, truth):
 
     Raises
     ------
+    TypeError
+        If they are plain arrays, or anything else.
     ValueError
         If the truth is that of a point sun.
     """
+    judged = _report("penumbra_error", frame, truth).judged
     if truth.rays_per_pixel == 1:
         raise ValueError("penumbra_error needs a soft truth: csm.truth(..., rays_per_pixel=64)")
-    judged = compare(frame, truth).judged
     mask, soft = (np.asarray(one.mask, np.float64)[judged] for one in (frame, truth))
     partial = ((mask > 0.0) & (mask < 1.0)) | ((soft > 0.0) & (soft < 1.0))
     difference = (mask - soft)[partial]
@@ -214,8 +233,13 @@ def texel_use(frame, truth):
     Returns
     -------
     use : TexelUse
+
+    Raises
+    ------
+    TypeError
+        If they are plain arrays, or anything else.
     """
-    report = compare(frame, truth)
+    report = _report("texel_use", frame, truth)
     cascades, index = frame.cascades, np.asarray(frame.cascade_index)
     sizes = np.asarray(cascades.map_size, np.int64)
     used = np.zeros(cascades.count, np.int64)
@@ -291,8 +315,13 @@ def settings_stability(path):
     Raises
     ------
     TypeError
-        If one of them is none of these.
+        If one of them is none of these, or it is one of these itself.
     """
+    if not isinstance(path, Iterable):
+        raise TypeError(
+            "path must be a sequence of ShadowSettings, Recommendations or Frames "
+            f"(got one {type(path).__name__})"
+        )
     drawn = []
     for number, one in enumerate(path):
         settings = getattr(one, "settings", one)

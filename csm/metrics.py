@@ -10,6 +10,7 @@ from functools import cached_property
 import numpy as np
 
 from .causes import CAUSES, Stages
+from .frame import Frame
 from .sampling import (
     LIT,
     NO_CASCADE,
@@ -19,7 +20,9 @@ from .sampling import (
     expected_aliasing,
     output_of,
     undersampling,
+    visibilities,
 )
+from .tracing import Truth
 
 __all__ = ["EdgeYardstick", "ErrorReport", "compare", "edge_yardstick", "undersampling"]
 
@@ -104,27 +107,19 @@ class _Budget(_Masks):
     def _difference(self, one, other):
         return np.where(self.stages.judged, one - other, 0.0)
 
-    @cached_property
-    def _single(self):
-        """V3."""
-        frame, settings = self.stages.frame, self.stages.settings
-        if settings.blend == "none" and settings.fade_width == 0.0:
-            return self.mask
-        return _visibilities("frame.mask_single", output_of(frame, "mask_single"))
-
     def __call__(self, cause):
         stages, truth = self.stages, self.stages.truth
         if cause in ("total", "too_bright", "too_dark"):
             return super().__call__(cause)
         if cause == "seam":
-            return self._difference(self.mask, self._single)
+            return self._difference(self.mask, self.stages.single)
         if cause == "penumbra":
             softened = np.asarray(truth.mask_point, float) - np.asarray(truth.mask, float)
             return self._difference(stages.filtered - stages.at_texel_centres, -softened)
         if cause.endswith("aliasing"):
             aliasing = self._difference(stages.at_texel_centres, truth.mask_point)
             return aliasing * self._share(cause)
-        rest = self._difference(self._single, stages.filtered)
+        rest = self._difference(self.stages.single, stages.filtered)
         if cause == "false_shadow":
             return np.minimum(rest, 0.0)
         near = stages.near_occluder(rest > ROUNDING)
@@ -174,6 +169,9 @@ class ErrorReport:
     (texels coarser than pixels on a surface that faces the camera), by projection (a surface turned
     from the light) and by phase (a texel no coarser than a pixel, but elsewhere). ``penumbra``:
     what the filter's kernel blurs, against a soft truth what it blurs unlike the sun's disc.
+    Soft shadows (``pcss``) of a sun with a disc average no texels: they have no aliasing, what they
+    err by where the truth sees a part of the disc is ``penumbra``, and the rest falls to the causes
+    below; `expected_aliasing` says nothing of them.
     ``false_shadow``: darker than an exact map under the same filter: acne. ``peter_panning`` and
     ``light_leak``: brighter than that, with an occluder within the applied bias or without.
     ``seam``: what blending between cascades and fading change. ``total = aliasing + penumbra +
@@ -328,11 +326,16 @@ def compare(frame, truth, *, valid=None):
     Raises
     ------
     TypeError
-        If one is an array and the other is not.
+        If one is an array and the other is not, or a Truth comes first.
     ValueError
         If sizes differ, values leave [0, 1], the frame lacks an output that is needed, or frame and
         truth do not show the same camera and sun.
     """
+    if isinstance(frame, Truth) or isinstance(truth, Frame):
+        raise TypeError(
+            "compare takes the Frame first and the Truth second "
+            f"(got {type(frame).__name__} and {type(truth).__name__})"
+        )
     rendered, traced = hasattr(frame, "mask"), hasattr(truth, "mask")
     if rendered != traced:
         raise TypeError(
@@ -343,7 +346,7 @@ def compare(frame, truth, *, valid=None):
         if valid is not None:
             raise TypeError("valid is for two arrays: a Frame and a Truth bring their own")
         return _compare_frame(frame, truth)
-    mask, truth = _visibilities("frame", frame), _visibilities("truth", truth)
+    mask, truth = visibilities("frame", frame), visibilities("truth", truth)
     _same_shape(mask, truth)
     judged = np.ones(mask.shape, bool) if valid is None else np.asarray(valid)
     if judged.dtype != bool or judged.shape != mask.shape:
@@ -355,8 +358,8 @@ def compare(frame, truth, *, valid=None):
 
 
 def _compare_frame(frame, truth):
-    mask = _visibilities("frame.mask", output_of(frame, "mask"))
-    reference = _visibilities("truth.mask", truth.mask)
+    mask = visibilities("frame.mask", output_of(frame, "mask"))
+    reference = visibilities("truth.mask", truth.mask)
     _same_shape(mask, reference)
     for name in ("camera", "sun"):
         one, other = vars(getattr(frame, name)), vars(getattr(truth, name))
@@ -408,23 +411,6 @@ def edge_yardstick(frame, truth, *, largest=4.0):
         judged pixels.
     """
     return edges_to_expect(frame, truth, compare(frame, truth).judged, largest)
-
-
-def _visibilities(name, value):
-    array = np.asarray(value)
-    if array.dtype.kind not in "fiub" or array.ndim != 2:
-        raise ValueError(
-            f"{name} must be an (h, w) array of real numbers "
-            f"(got shape {array.shape}, dtype {array.dtype})"
-        )
-    array = array.astype(np.float64)
-    outside = ~((array >= 0.0) & (array <= 1.0))
-    if outside.any():
-        raise ValueError(
-            f"{name} must lie in [0, 1], where 1 is lit "
-            f"(got {array[outside][0]:g} and {np.count_nonzero(outside) - 1} more)"
-        )
-    return array
 
 
 def _same_shape(one, other):

@@ -4,12 +4,14 @@ The same points are asked for in every frame, so that the camera's own motion is
 nothing is warped or interpolated (docs/numerics.md 15).
 """
 
+from collections.abc import Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
 
+from .disc import SOFT_RAYS, disc_directions
 from .embree import in_chunks, tree_of
 from .sampling import NO_CASCADE
 from .spaces import transform_points
@@ -117,7 +119,9 @@ def flicker(frames, *, scene=None):
 
     A change counts at points that lie in both pictures and are not hidden there. For a static scene
     and sun the truth does not change, so all change is flicker. Of a sun that moves the true change
-    is subtracted: ``max(0, |mask's change| - |truth's change|)``.
+    is subtracted: ``max(0, |mask's change| - |truth's change|)``, of a sun with a disc that of the
+    share of its disc that is seen, over 64 rays, the same ones of the disc at a point in every
+    frame.
 
     Parameters
     ----------
@@ -141,6 +145,10 @@ def flicker(frames, *, scene=None):
         If there are fewer than two frames, one was rendered without points or with others, or the
         sun moves and no scene is given.
     """
+    if not isinstance(frames, Iterable):
+        raise TypeError(
+            f"frames must be a sequence of two Frames or more (got one {type(frames).__name__})"
+        )
     frames = list(frames)
     if len(frames) < 2:
         raise ValueError(f"flicker needs two frames or more (got {len(frames)})")
@@ -224,23 +232,32 @@ def _before_camera(tree, triangles, origins, towards, camera, depth):
 
 
 def _sunlit(scene, points, frame):
-    """Exact visibility of a frame's point sun from points; dark where a known surface turns away.
+    """Share of a frame's sun that points see; none where a known surface turns away.
 
     A point whose normal is not known starts a step towards the sun, which does not clear a surface
     that the light grazes.
     """
-    tree, to_light, normals = tree_of(scene), frame.sun.to_light, frame.point_normals
-    normals = np.broadcast_to(to_light, points.shape) if normals is None else normals
-    lit = np.zeros(len(points), bool)
+    tree, sun, normals = tree_of(scene), frame.sun, frame.point_normals
+    normals = np.broadcast_to(sun.to_light, points.shape) if normals is None else normals
+    rays = SOFT_RAYS if sun.angular_diameter_deg > 0.0 else 1
+    seen = np.zeros(len(points), np.int64)
 
     def work(part, stop):
-        facing = np.flatnonzero(normals[part] @ to_light > FACING)
-        origins = tree.lifted(points[part][facing] - tree.origin, normals[part][facing])
-        hit = tree.query(origins, np.broadcast_to(to_light, origins.shape))
-        lit[part.start + facing] = hit < 0
+        facing = part.start + np.flatnonzero(normals[part] @ sun.to_light > FACING)
+        normal = normals[facing]
+        origins = tree.lifted(points[facing] - tree.origin, normal)
+        for ray in range(rays):
+            if stop.is_set():
+                return
+            directions = np.broadcast_to(sun.to_light, origins.shape)
+            if rays > 1:
+                directions = disc_directions(sun, rays, ray, facing)
+            # a part of the disc below the surface's own horizon is hidden by the surface
+            above = np.einsum("mk,mk->m", directions, normal) > FACING
+            seen[facing] += above & (tree.query(origins, directions) < 0)
 
     in_chunks(work, len(points))
-    return lit
+    return seen / rays
 
 
 def _finite(values):

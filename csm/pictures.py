@@ -45,6 +45,7 @@ CASCADE_COLOURS = (
 )
 FALSE_LIGHT = np.array([0.05, 0.45, 1.00])
 FALSE_SHADOW = np.array([1.00, 0.50, 0.00])
+NOTHING_SEEN = (0.80, 0.87, 0.95)  # pale blue, which no grey is
 NO_MAP_DEPTH = np.array([0.10, 0.12, 0.20])
 
 
@@ -99,7 +100,7 @@ def mask_picture(frame):
     picture : (h, w, 3) uint8
     """
     grey = np.repeat(np.asarray(frame.mask, np.float64)[..., None], 3, axis=-1)
-    return _to_bytes(np.where(frame.valid[..., None], grey, (0.80, 0.87, 0.95)))
+    return _to_bytes(np.where(frame.valid[..., None], grey, NOTHING_SEEN))
 
 
 def maps_picture(frame, *, side=768):

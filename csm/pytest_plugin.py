@@ -3,10 +3,13 @@
 Installed with csm, pytest knows the fixture `shadow_case` without a line of configuration.
 """
 
+import hashlib
 import json
 import numbers
 import re
+from contextlib import suppress
 from dataclasses import dataclass
+from itertools import count
 from pathlib import Path
 
 import numpy as np
@@ -15,6 +18,8 @@ import pytest
 __all__ = ["ShadowCase", "assert_shadows_match", "write_evidence"]
 
 EVIDENCE = "shadow-evidence"
+SETTINGS, NUMBERS = "settings.json", "numbers.json"
+LONGEST = 120  # characters of a test's name in that of its folder
 RANGES = {"rendered": (0.0, 1.0), "reference": (0.0, 1.0), "difference": (-1.0, 1.0)}
 
 
@@ -57,8 +62,9 @@ def assert_shadows_match(frame, truth, *, max_error, causes=None, folder=None):
     causes : mapping of str to float, optional
         Largest mean absolute error of single causes, e.g. ``{"false_shadow": 1e-3}``.
     folder : path, optional
-        Where rendered, reference and difference (PNG and npz), errors and settings go on failure;
-        nowhere by default.
+        Where rendered, reference and difference (PNG and npy), errors, and of a Frame and a Truth
+        settings, camera, sun, rays and the scene's digest go on failure; nowhere by default. What
+        lies there is replaced by a failure and never removed.
 
     Raises
     ------
@@ -95,9 +101,29 @@ def assert_shadows_match(frame, truth, *, max_error, causes=None, folder=None):
             "rendered": getattr(frame, "mask", frame),
             "reference": getattr(truth, "mask", truth),
         }
-        write_evidence(folder, arrays, getattr(frame, "settings", None), {"errors": found})
+        shown = _what_is_shown(frame, truth) if hasattr(frame, "settings") else None
+        write_evidence(folder, arrays, shown, {"errors": found})
         lines.append(f"see {folder}")
     raise AssertionError("shadows do not match: " + "; ".join(lines))
+
+
+def _what_is_shown(frame, truth):
+    """What it takes to repeat a comparison, in plain values; of the scene what tells it apart."""
+    from .digests import scene_digest
+    from .sweep_cases import camera_text, sun_text
+
+    scene = truth.scene
+    return {
+        "settings": frame.settings.to_dict(),
+        "camera": json.loads(camera_text(frame.camera)),
+        "sun": json.loads(sun_text(frame.sun)),
+        "rays_per_pixel": truth.rays_per_pixel,
+        "scene": {
+            "name": scene.name,
+            "digest": scene_digest(scene),
+            "triangles": int(scene.triangle_count),
+        },
+    }
 
 
 def write_evidence(folder, arrays, settings=None, more=None):
@@ -122,9 +148,9 @@ def write_evidence(folder, arrays, settings=None, more=None):
     folder.mkdir(parents=True, exist_ok=True)
     if settings is not None:
         plain = settings.to_dict() if hasattr(settings, "to_dict") else settings
-        (folder / "settings.json").write_text(json.dumps(plain, indent=1, default=str))
+        (folder / SETTINGS).write_text(json.dumps(plain, indent=1, default=str))
     if more is not None:
-        (folder / "numbers.json").write_text(json.dumps(more, indent=1, default=float))
+        (folder / NUMBERS).write_text(json.dumps(more, indent=1, default=float))
     rendered, reference = arrays.get("rendered"), arrays.get("reference")
     if rendered is not None and reference is not None and rendered.shape == reference.shape:
         arrays["difference"] = rendered.astype(np.float64) - reference.astype(np.float64)
@@ -158,9 +184,24 @@ def grey_picture(array, span=None):
 
 
 def evidence_folder(config, nodeid):
-    """Folder of one test's evidence, below the root of the suite or where the option says."""
-    name = re.sub(r"[^\w.\-]+", "_", nodeid.removeprefix("tests/"))
+    """Folder of one test's evidence, below the root of the suite or where the option says.
+
+    The digest in its name tells tests apart whose names do not: ``x[a/b]`` and ``x[a_b]``.
+    """
+    name = re.sub(r"[^\w.\-]+", "_", nodeid.removeprefix("tests/"))[:LONGEST]
+    name += f"-{hashlib.sha256(nodeid.encode()).hexdigest()[:8]}"
     return Path(config.getoption("shadow_evidence") or config.rootpath / EVIDENCE) / name
+
+
+def _remove_evidence(folder):
+    """Remove what an earlier run of a test left, and nothing else."""
+    names = [f"{name}{ending}" for name in RANGES for ending in (".npy", ".png")]
+    for path in (*folder.glob("case_*"), folder):
+        for name in (SETTINGS, NUMBERS, *names):
+            with suppress(OSError):
+                (path / name).unlink()
+        with suppress(OSError):  # something of somebody else's, or not there
+            path.rmdir()
 
 
 def pytest_addoption(parser):
@@ -196,21 +237,39 @@ def shadow_case(request, shadow_renderer, _shadow_truths):
     """Function that renders a scene and traces its truth, once for equal scene, camera and sun.
 
     ``shadow_case(scene, camera, sun, settings=None, *, rays_per_pixel=1)`` gives a `ShadowCase`;
-    its ``check(max_error=..., causes={...})`` fails with evidence.
+    its ``check(max_error=..., causes={...})`` fails with evidence in the test's own folder, of a
+    second case in ``case_2`` in it, and so on. What an earlier run left there goes first.
     """
+    from .camera import Camera
     from .metrics import compare
+    from .scene import Scene
     from .settings import ShadowSettings
+    from .sun import Sun
     from .tracing import truth as trace
 
+    folder = evidence_folder(request.config, request.node.nodeid)
+    _remove_evidence(folder)
+    numbers_of_cases = count(1)
+
     def make(scene, camera, sun, settings=None, *, rays_per_pixel=1):
+        settings = ShadowSettings() if settings is None else settings
+        for name, value, kind in (
+            ("scene", scene, Scene), ("camera", camera, Camera), ("sun", sun, Sun),
+            ("settings", settings, ShadowSettings),
+        ):  # fmt: skip
+            if not isinstance(value, kind):
+                raise TypeError(
+                    f"shadow_case: {name} must be a csm.{kind.__name__} (got {value!r}); "
+                    "csm.scenes makes scenes, csm.load reads them, and a scene has cameras and suns"
+                )
         key = (scene, camera, tuple(sun.to_light), sun.angular_diameter_deg, rays_per_pixel)
         if key not in _shadow_truths:
             _shadow_truths[key] = trace(scene, camera, sun, rays_per_pixel=rays_per_pixel)
         truth = _shadow_truths[key]
-        settings = ShadowSettings() if settings is None else settings
         outputs = ("mask", "mask_single", "valid", "cascade_index")
         frame = shadow_renderer.render(scene, camera, sun, settings, outputs=outputs)
-        folder = evidence_folder(request.config, request.node.nodeid)
-        return ShadowCase(frame, truth, compare(frame, truth), folder)
+        number = next(numbers_of_cases)
+        own = folder if number == 1 else folder / f"case_{number}"
+        return ShadowCase(frame, truth, compare(frame, truth), own)
 
     return make

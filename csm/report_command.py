@@ -2,9 +2,11 @@
 
 import sys
 from argparse import BooleanOptionalAction
+from pathlib import Path
 
 from .arguments import (
     add_backend_option,
+    check_folder,
     find_camera,
     find_scene,
     find_sun,
@@ -13,12 +15,15 @@ from .arguments import (
     parse_size,
 )
 from .disc import SOFT_RAYS
+from .formats import named
 from .hard_cases import kept_rows
 from .progress import Progress
 from .report_runs import with_crops_and_flicker
 from .reports import report
-from .results import check_folder
-from .sweeps import TRUTHS, sweep
+from .scenes import SCENES
+from .spaces import as_whole
+from .sun import Sun
+from .sweeps import MOST_REPEATS, TRUTHS, sweep
 from .techniques import FAMILIES, TECHNIQUES
 
 __all__ = ["REPORT_EXAMPLES", "REPORT_HELP", "add_report_options", "run_report"]
@@ -125,6 +130,7 @@ def find_case(text, size, diameter=None):
     Parameters
     ----------
     text : str
+        As much of it as is a file's path, colons and all, or a made scene's name is the scene.
     size : (int, int)
         Of the camera.
     diameter : float, optional
@@ -134,14 +140,35 @@ def find_case(text, size, diameter=None):
     -------
     name : str
     case : (Scene, Camera, Sun)
+
+    Raises
+    ------
+    OSError, ValueError, ImportError
+        If a part is none.
     """
-    source, _, rest = text.partition(":")
-    camera, _, sun = rest.partition(":")
+    source, words = _source_and_views(text)
+    if len(words) > 2:
+        raise ValueError(
+            f"SCENE may name a camera and a sun after it, as SCENE:CAMERA:SUN (got {text!r})"
+        )
+    camera, sun = (*words, "", "")[:2]
     scene = find_scene(source)
-    camera_name, found_camera = find_camera(scene, camera or None, size)
-    sun_name, found_sun = find_sun(scene, sun or None, diameter)
+    camera_name, found_camera = find_camera(
+        scene, camera or None, size, f"the camera in SCENE {text!r}"
+    )
+    sun_name, found_sun = find_sun(scene, sun or None, diameter, f"the sun in SCENE {text!r}")
     stem = source.rsplit("/", 1)[-1].rsplit(".", 1)[0]
     return f"{stem}, {camera_name}, {sun_name}", (scene, found_camera, found_sun)
+
+
+def _source_and_views(text):
+    """Scene, and what names its camera and sun; of beginnings that are files the longest."""
+    parts = text.split(":")
+    for count in range(len(parts), 0, -1):
+        source = ":".join(parts[:count])
+        if source in SCENES or Path(source).is_file():
+            return source, parts[count:]
+    return parts[0], parts[1:]
 
 
 def run_report(options):
@@ -149,6 +176,10 @@ def run_report(options):
     folder, size = parse_folder(options.out), parse_size(options.size)
     rays = parse_rays(options.rays)
     techniques = chosen_techniques(options.families)
+    repeats = as_whole("--repeats", options.repeats, 1, MOST_REPEATS)
+    if options.sun_diameter is not None:
+        with named("--sun-diameter"):
+            Sun((0.0, 1.0, 0.0), options.sun_diameter)
     check_folder(folder)
     if options.hard_cases is not None:
         kept_rows(options.hard_cases)
@@ -170,7 +201,7 @@ def run_report(options):
             {"technique": techniques},
             out=swept,
             size=size,
-            repeats=options.repeats,
+            repeats=repeats,
             rays_per_pixel=rays,
             causes=CAUSES_SHOWN if options.causes else None,
             backend=options.backend,

@@ -5,6 +5,7 @@ import io
 import numpy as np
 
 from .fronts import on_front
+from .pictures import NOTHING_SEEN
 from .plot_style import CASCADE_COLOURS, GREY, INK, heading, new_axes, pyplot, readable_ticks
 
 __all__ = ["crop_picture", "error_crop_picture", "front_picture", "png_of_figure", "png_of_picture"]
@@ -12,6 +13,7 @@ __all__ = ["crop_picture", "error_crop_picture", "front_picture", "png_of_figure
 COLOURS = CASCADE_COLOURS[:6] + CASCADE_COLOURS[7:]  # without yellow, which white swallows
 MARKERS = "os^DvPX"
 LABELS = 14  # of points on a front, so that they can be read
+ROUNDING = 1e-6  # masks are float32: an error or a flicker of less is none
 
 
 def front_picture(costs, errors, names, families, *, title, cost, error):
@@ -20,7 +22,8 @@ def front_picture(costs, errors, names, families, *, title, cost, error):
     Parameters
     ----------
     costs, errors : (n,) array_like
-        Errors as shares. NaN is left out; an error of 0 has a line of its own at the foot.
+        Errors as shares. NaN is left out; an error of 0, or below the 1e-6 that rounding makes, has
+        a line of its own at the foot.
     names : sequence of str
     families : sequence of str
         Of each technique: its colour.
@@ -32,6 +35,7 @@ def front_picture(costs, errors, names, families, *, title, cost, error):
     png : bytes
     """
     costs, errors = (np.asarray(one, float) for one in (costs, errors))
+    errors = np.where(np.abs(errors) < ROUNDING, 0.0, errors)
     usable = (costs > 0.0) & (errors >= 0.0)
     shown, least = _off_zero(errors)
     ax = new_axes(None, (9.0, 5.2))
@@ -62,17 +66,17 @@ def front_picture(costs, errors, names, families, *, title, cost, error):
 def _off_zero(errors):
     """Errors as drawn on a logarithmic axis: 0 lies below the least other; and where that is."""
     positive = errors[errors > 0.0]
-    zero = 0.4 * positive.min() if len(positive) else 1e-6
+    zero = 0.4 * positive.min() if len(positive) else ROUNDING
     return np.where(errors == 0.0, zero, errors), zero if (errors == 0.0).any() else None
 
 
 def crop_picture(mask, scale=2):
-    """Picture of a crop of a mask: black is shadow.
+    """Picture of a crop of a mask: black is shadow, pale blue where nothing is seen.
 
     Parameters
     ----------
     mask : (h, w) array_like
-        Visibilities.
+        Visibilities; NaN where nothing is seen.
     scale : int
         Pixels of the picture per pixel of the mask.
 
@@ -80,8 +84,8 @@ def crop_picture(mask, scale=2):
     -------
     png : bytes
     """
-    grey = np.clip(np.nan_to_num(np.asarray(mask, float), nan=1.0), 0.0, 1.0)
-    return png_of_picture(_enlarged(np.repeat(grey[..., None], 3, axis=-1), scale))
+    mask = np.asarray(mask, float)
+    return png_of_picture(_enlarged(_seen(mask, np.clip(mask, 0.0, 1.0)[..., None]), scale))
 
 
 def error_crop_picture(mask, reference, scale=2):
@@ -90,13 +94,14 @@ def error_crop_picture(mask, reference, scale=2):
     Parameters
     ----------
     mask, reference : (h, w) array_like
+        Visibilities; NaN where nothing is seen, which is pale blue.
     scale : int
 
     Returns
     -------
     png : bytes
     """
-    difference = np.nan_to_num(np.asarray(mask, float) - np.asarray(reference, float))
+    difference = np.asarray(mask, float) - np.asarray(reference, float)
     bright = np.array([0.0, 0.45, 0.70]) - 1.0
     dark = np.array([0.84, 0.37, 0.0]) - 1.0
     picture = (
@@ -104,7 +109,12 @@ def error_crop_picture(mask, reference, scale=2):
         + np.clip(difference, 0.0, 1.0)[..., None] * bright
         + np.clip(-difference, 0.0, 1.0)[..., None] * dark
     )
-    return png_of_picture(_enlarged(picture, scale))
+    return png_of_picture(_enlarged(_seen(difference, picture), scale))
+
+
+def _seen(values, picture):
+    """(h, w, 3) picture, pale blue where values (h, w) are NaN."""
+    return np.where(np.isnan(values)[..., None], NOTHING_SEEN, picture)
 
 
 def _enlarged(picture, scale):

@@ -8,26 +8,31 @@ import base64
 import html
 import json
 import math
-from itertools import product
+from itertools import chain, count, product
 from pathlib import Path
 
 import numpy as np
 
-from .fronts import best_within, next_halvings, on_front, paired_interval
-from .hard_cases import CASES, TESTS_THAT_FAIL, kept_rows
+from .arguments import check_folder
 from .report_pictures import crop_picture, error_crop_picture, front_picture
+from .report_tables import (
+    MIB,
+    against_baseline,
+    best_table,
+    hard_case_table,
+    technique_table,
+)
 from .sweep_points import SETTINGS
-from .techniques import BASELINE, TECHNIQUES
+from .techniques import TECHNIQUES
 
 __all__ = ["report"]
 
 PAGE = "report.html"
-MIB = 2.0**20
-MEMORIES_MIB = (4, 16, 64, 256)  # of maps, for the comparison at equal memory
-TIMES = (0.5, 1.0, 2.0, 4.0)  # of the baseline's time, for the one at equal time
 MEANINGS = {
-    "aliasing": "texels too coarse: the edge lies where the texel's centre has it",
-    "penumbra": "what averaging over texels, or a hard edge where the sun's disc is soft, changes",
+    "aliasing": "texels too coarse: the edge lies where the texel's centre has it (none in soft "
+    "shadows of a sun with a disc, which average the disc instead of texels)",
+    "penumbra": "what averaging over texels, or a hard edge where the sun's disc is soft, changes; "
+    "of soft shadows every error where the truth sees a part of the disc",
     "false_shadow": "acne: surfaces that shadow themselves, for want of bias",
     "peter_panning": "light where an occluder is nearer than the bias, which hides it",
     "light_leak": "light that no bias explains: bleeding of prefiltered maps, missing casters",
@@ -79,17 +84,18 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
         if name not in dataset:
             raise ValueError(f"dataset must have {name}: csm.sweep(cases, axes) gives it")
     dataset = _by_technique(dataset)
-    hard = _hard_cases(hard_cases)
+    hard = hard_case_table(hard_cases)
     folder = Path(out)
+    check_folder(folder, "out")
     folder.mkdir(parents=True, exist_ok=True)
     pictures = {}
     dataset = dataset.transpose("case", "technique", ...)
-    parts = [*_head(dataset, title), *_summary(dataset)]
+    parts = [*_head(dataset, title), *best_table(dataset)]
     for case in dataset.case.values:
         parts += _case(
             dataset.sel(case=case), pictures, str(case), _about(dataset.attrs, str(case))
         )
-    parts += _across(dataset)
+    parts += against_baseline(dataset)
     parts += hard
     parts += _foot(dataset)
     for name, data in pictures.items():
@@ -166,48 +172,6 @@ def _glossary(dataset):
     ]
 
 
-def _summary(dataset):
-    """Best at each size of memory and at each time, over the mean of all cases."""
-    names = [str(name) for name in dataset.technique.values]
-    dataset = _with_numbers(dataset)
-    # what has no numbers in one case has no mean: that of the other cases might be of easier ones
-    error, time, memory = (
-        dataset[name].mean("case", skipna=False).values
-        for name in ("error_total", "ms_total", "bytes_maps")
-    )
-    memory = memory / MIB
-    rows = []
-    for mib in MEMORIES_MIB:
-        best = best_within(memory, error, 1.01 * mib)
-        if best is not None:
-            rows.append((f"{mib} MiB of maps", best))
-    if BASELINE in names:
-        base = time[names.index(BASELINE)]
-        for factor in TIMES:
-            best = best_within(time, error, factor * base)
-            if best is not None:
-                rows.append((f"{factor:g} x the time of {BASELINE} ({factor * base:.1f} ms)", best))
-    lines = [
-        f"<tr><td>{html.escape(budget)}</td><td>{html.escape(names[i])}</td>"
-        f"<td class='n'>{error[i]:.3%}</td><td class='n'>{time[i]:.1f}</td>"
-        f"<td class='n'>{memory[i]:.1f}</td></tr>"
-        for budget, i in rows
-    ]
-    return [
-        "<h2>At equal memory and at equal time</h2>",
-        f"<p>The least error within a budget, mean of {dataset.sizes['case']} case(s).</p>",
-        "<table><tr><th>budget</th><th>best</th><th>error</th><th>ms</th><th>MiB</th></tr>",
-        *lines,
-        "</table>",
-    ]
-
-
-def _with_numbers(dataset):
-    """The cases that any technique has an error in: not those where no pixel is judged."""
-    known = np.isfinite(dataset.error_total).any("technique")
-    return dataset.isel(case=np.flatnonzero(known.values))
-
-
 def _families(one, names):
     if "family" in one.coords:
         return [str(family) for family in one.family.values]
@@ -252,7 +216,7 @@ def _case(one, pictures, case, about):
     if about:
         parts.append(f"<p class='note'>{html.escape(about)}</p>")
     for kind, costs, errors, cost_text, error_text in axes:
-        name = f"{_slug(case)}_{kind}.png"
+        name = _free_name(pictures, case, kind)
         pictures[name] = front_picture(
             costs, errors, names, families,
             title=f"{case}: {error_text} against {kind if kind != 'flicker' else 'time'}",
@@ -260,54 +224,9 @@ def _case(one, pictures, case, about):
         )  # fmt: skip
         alternative = f"{error_text} of every technique against {cost_text}"
         parts.append(f"<p>{_image(pictures[name], alternative)}</p>")
-    parts += _table(one, names, error, time, memory)
+    parts += technique_table(one)
     parts += _crops(one, names, pictures, case)
     return parts
-
-
-def _table(one, names, error, time, memory):
-    """Every technique by error, with what the next halving costs."""
-    halvings = next_halvings(time, error)
-    front = on_front(time, error)
-    causes = [
-        str(name)
-        for name in one.data_vars
-        if (str(name).startswith("error_") and str(name) != "error_total")
-        or str(name) == "expected_aliasing"
-    ]
-    words = [name.removeprefix("error_").replace("_", " ") for name in causes]
-    head = "".join(f"<th>{html.escape(word)}</th>" for word in words)
-    flicker = "<th>flicker</th>" if "flicker" in one else ""
-    rows = []
-    for i in np.argsort(np.where(np.isfinite(error), error, np.inf), kind="stable"):
-        if not np.isfinite(error[i]):
-            status = str(one.message.values[i]) if "message" in one else "no numbers"
-            rows.append(
-                f"<tr><td>{html.escape(names[i])}</td><td colspan='{6 + len(causes)}'>"
-                f"{html.escape(status or 'no pixel was judged')}</td></tr>"
-            )
-            continue
-        next_one = halvings[i]
-        text = "none"
-        if next_one.index is not None:
-            text = f"{html.escape(names[next_one.index])}, {next_one.factor:.2g} x the time"
-        numbers = "".join(f"<td class='n'>{float(one[name].values[i]):.3%}</td>" for name in causes)
-        flickers = f"<td class='n'>{float(one.flicker.values[i]):.3%}</td>" if flicker else ""
-        rows.append(
-            f"<tr{' class=front' if front[i] else ''}><td>{html.escape(names[i])}</td>"
-            f"<td class='n'>{error[i]:.3%}</td>"
-            f"<td class='n'>{float(one.disagreement.values[i]):.3%}</td>{numbers}{flickers}"
-            f"<td class='n'>{time[i]:.1f}</td><td class='n'>{memory[i]:.1f}</td>"
-            f"<td>{text}</td></tr>"
-        )
-    return [
-        "<details open><summary>every technique, best first; <b>bold</b>: on the front of error "
-        "and time</summary>",
-        f"<table><tr><th>technique</th><th>error</th><th>wrong</th>{head}{flicker}<th>ms</th>"
-        "<th>MiB</th><th>cheapest with half the error</th></tr>",
-        *rows,
-        "</table></details>",
-    ]
 
 
 def _crops(one, names, pictures, case):
@@ -315,12 +234,12 @@ def _crops(one, names, pictures, case):
     if "crop" not in one:
         return []
     reference = one.crop_truth.values
-    name = f"{_slug(case)}_truth.png"
+    name = _free_name(pictures, case, "truth")
     pictures[name] = crop_picture(reference)
     parts = [
         "<h3>The same spot</h3><p>Left the mask, right its error: "
         "<span style='color:#0072B2'>blue</span> too bright, "
-        "<span style='color:#D55E00'>orange</span> too dark.</p>",
+        "<span style='color:#D55E00'>orange</span> too dark. Pale blue: nothing is seen there.</p>",
         f"<figure>{_image(pictures[name], 'ray traced mask')}"
         "<figcaption><b>ray traced</b></figcaption></figure>",
     ]
@@ -329,7 +248,7 @@ def _crops(one, names, pictures, case):
         if not np.isfinite(mask).any():
             continue
         both = crop_picture(mask), error_crop_picture(mask, reference)
-        pictures[f"{_slug(case)}_{_slug(technique)}.png"] = both[0]
+        pictures[_free_name(pictures, case, technique)] = both[0]
         parts.append(
             f"<figure>{_image(both[0], f'mask of {technique}')}"
             f"{_image(both[1], f'error of {technique}')}"
@@ -337,66 +256,6 @@ def _crops(one, names, pictures, case):
             f"{float(one.ms_total.values[i]):.0f} ms</figcaption></figure>"
         )
     return parts
-
-
-def _across(dataset):
-    """Techniques that differ from the baseline over the cases, and those that tie with it."""
-    names = [str(name) for name in dataset.technique.values]
-    dataset = _with_numbers(dataset)
-    if dataset.sizes["case"] < 2 or BASELINE not in names:
-        return []
-    error = dataset.error_total.transpose("case", "technique").values
-    base = error[:, names.index(BASELINE)]
-    groups = {"better": [], "no different": [], "worse": []}
-    for i, name in enumerate(names):
-        if name != BASELINE and np.isfinite(error[:, i]).all():
-            low, high = paired_interval(error[:, i], base)
-            verdict = "better" if high < 0.0 else "worse" if low > 0.0 else "no different"
-            groups[verdict].append(name)
-    rows = "".join(
-        f"<tr><td>{verdict}</td><td>{html.escape(', '.join(found)) or '–'}</td></tr>"
-        for verdict, found in groups.items()
-    )
-    return [
-        f"<h2>Against {BASELINE}, over all cases</h2><p>Two techniques differ only if the paired "
-        "difference of their errors exceeds its 95 % bootstrap interval.</p>",
-        f"<table>{rows}</table>",
-    ]
-
-
-def _hard_cases(folder):
-    """The matrix of hard cases, a line a case: its figure nearest to the tolerance."""
-    if folder is None:
-        return []
-    rows = kept_rows(folder)
-    lines = []
-    for case, title in CASES.items():
-        own = [row for row in rows if row.case == case]
-        if not own:
-            lines.append(
-                f"<tr><td>{case}</td><td>{html.escape(title)}</td>"
-                "<td colspan='5'>no test ran</td></tr>"
-            )
-            continue
-        passed = all(row.passed for row in own)
-        worst = max(own, key=lambda row: (not row.passed, row.used))
-        cases = sum(row.cases for row in own if row.what == TESTS_THAT_FAIL)
-        lines.append(
-            f"<tr><td>{case}</td><td>{html.escape(title)}</td>"
-            f"<td>{'passed' if passed else '<b>failed</b>'}</td><td class='n'>{cases}</td>"
-            f"<td>{html.escape(worst.what)}</td><td class='n'>{worst.worst:.3g} of "
-            f"{worst.tolerance:.3g} {html.escape(worst.unit)}</td>"
-            f"<td>{html.escape(', '.join(sorted({row.backend for row in own})))}</td></tr>"
-        )
-    return [
-        "<h2 id='hard-cases'>Hard cases</h2><p>Can the numbers above be trusted where shadow maps "
-        "are known to break? Each line is a family of tests with tolerances from theory; shown is "
-        "the figure that comes nearest to its tolerance.</p>",
-        "<table><tr><th></th><th>case</th><th></th><th>tests</th><th>nearest to its tolerance"
-        "</th><th>figure</th><th>back ends</th></tr>",
-        *lines,
-        "</table>",
-    ]
 
 
 def _foot(dataset):
@@ -414,5 +273,9 @@ def _image(data, alternative):
     )
 
 
-def _slug(text):
-    return "".join(c if c.isalnum() else "_" for c in text)
+def _free_name(pictures, *words):
+    """File name made of words, numbered where another picture has it: "a b" is not "a_b"."""
+    stem = "_".join("".join(c if c.isalnum() else "_" for c in word) for word in words)
+    taken = {name.lower() for name in pictures}  # some file systems know no capitals
+    names = chain([f"{stem}.png"], (f"{stem}_{number}.png" for number in count(2)))
+    return next(name for name in names if name.lower() not in taken)

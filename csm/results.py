@@ -20,7 +20,7 @@ from .pictures import (
     save_png,
 )
 
-__all__ = ["check_folder", "summarise", "summary_text", "write_results"]
+__all__ = ["summarise", "summary_text", "write_results"]
 
 SUMMARY = "summary.json"
 FILES = (
@@ -35,26 +35,6 @@ FILES = (
 LANDSCAPE = 1500.0  # a scene of this width [m] is drawn as terrain
 MEGABYTE = 1e6
 BY_SIGN = ("total", "too_bright", "too_dark")  # what takes no more rays
-
-
-def check_folder(folder):
-    """Refuse a folder that cannot be written, before any work is done.
-
-    Parameters
-    ----------
-    folder : Path
-        May be new; may hold other files, which are left alone.
-
-    Raises
-    ------
-    OSError
-        If it is a file, or it or the nearest folder above it is not writable.
-    """
-    if folder.exists() and not folder.is_dir():
-        raise NotADirectoryError(f"--out {folder}: is a file, not a folder")
-    existing = next(path for path in (folder, *folder.absolute().parents) if path.exists())
-    if not existing.is_dir() or not os.access(existing, os.W_OK | os.X_OK):
-        raise PermissionError(f"--out {folder}: {existing} is not a folder that may be written to")
 
 
 def write_results(folder, frame, summary, *, truth=None, report=None, terrain=False):

@@ -13,10 +13,45 @@ __all__ = [
     "surface_steps",
     "undersampling",
     "uv_gradients",
+    "visibilities",
 ]
 
 LIT = 0.5  # a mask of at least this counts as lit
 NO_CASCADE = 255
+
+
+def visibilities(name, value):
+    """Check visibilities.
+
+    Parameters
+    ----------
+    name : str
+        What the refusal calls them.
+    value : (h, w) array_like
+
+    Returns
+    -------
+    visibilities : (h, w) float64
+
+    Raises
+    ------
+    ValueError
+        If it is no such array or leaves [0, 1].
+    """
+    array = np.asarray(value)
+    if array.dtype.kind not in "fiub" or array.ndim != 2:
+        raise ValueError(
+            f"{name} must be an (h, w) array of real numbers "
+            f"(got shape {array.shape}, dtype {array.dtype})"
+        )
+    array = array.astype(np.float64)
+    outside = ~((array >= 0.0) & (array <= 1.0))
+    if outside.any():
+        raise ValueError(
+            f"{name} must lie in [0, 1], where 1 is lit "
+            f"(got {array[outside][0]:g} and {np.count_nonzero(outside) - 1} more)"
+        )
+    return array
 
 
 def undersampling(frame, truth):

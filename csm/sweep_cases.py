@@ -86,7 +86,7 @@ def _case(name, case, size, loaded, digests):
         # Another process, or a table read later, may stand in another folder.
         source = scene if scene in SCENES else str(Path(scene).absolute())
         if (source, ground) not in loaded:
-            loaded[source, ground] = find_scene(scene, ground)
+            loaded[source, ground] = find_scene(scene, ground, f"cases: {name!r}: scene")
         scene = loaded[source, ground]
     if not isinstance(scene, Scene):
         raise TypeError(
@@ -114,14 +114,16 @@ def _found_camera(scene, camera):
     name = next(iter(scene.cameras), None) if camera is None else camera
     # A named camera keeps its pixels, one described has those of `Camera.look_at`.
     size = scene.cameras[name].size if name in scene.cameras else (1920, 1080)
-    return find_camera(scene, camera, size)[1]
+    return find_camera(scene, camera, size, "camera")[1]
 
 
 def _found_sun(scene, sun):
     diameter = None
     if isinstance(sun, (tuple, list)) and len(sun) == 2:
         sun, diameter = sun
-    return find_sun(scene, sun, diameter)[1] if sun is None or isinstance(sun, str) else sun
+    if sun is not None and not isinstance(sun, str):
+        return sun
+    return find_sun(scene, sun, diameter, "sun")[1]
 
 
 def camera_text(camera):

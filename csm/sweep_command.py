@@ -9,8 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
-from .arguments import INTERRUPTED, parse_folder
-from .results import check_folder
+from .arguments import INTERRUPTED, check_folder, parse_folder
 from .scenes import SCENES
 from .settings import ShadowSettings
 from .sweep_tables import QUARTILES

@@ -4,6 +4,7 @@ import fcntl
 import json
 import math
 import os
+import uuid
 import warnings
 from pathlib import Path
 
@@ -23,7 +24,8 @@ class Journal:
 
     A record is written as one line with one call and flushed to the system, so it is there whatever
     then happens to the process. What a kill leaves of a last line is cut off when the journal is
-    opened again. One process may hold a journal at a time.
+    opened again, and lines that are no records are said in a warning and removed. One process may
+    hold a journal at a time.
 
     Parameters
     ----------
@@ -45,19 +47,12 @@ class Journal:
             return
         path = Path(path)
         path.parent.mkdir(parents=True, exist_ok=True)
-        self._file = open(path, "a+b", buffering=0)
+        self._file = _held(path)
         try:
-            self._hold(path)
             self._read(path)
         except BaseException:
             self.close()
             raise
-
-    def _hold(self, path):
-        try:
-            fcntl.flock(self._file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except BlockingIOError:
-            raise BlockingIOError(f"{path}: another sweep is writing to this folder") from None
 
     def _read(self, path):
         self._file.seek(0)
@@ -65,18 +60,39 @@ class Journal:
         whole = content.rfind(b"\n") + 1
         if whole < len(content):
             os.ftruncate(self._file.fileno(), whole)
-        spoilt = 0
-        for line in content[:whole].splitlines():
+        lines, records = content[:whole].splitlines(keepends=True), []
+        for line in lines:
             try:
                 record = json.loads(line)
                 self._records[record["key"]] = record
+                records.append(line)
             except (ValueError, KeyError, TypeError):
-                spoilt += 1
+                pass
+        spoilt = len(lines) - len(records)
         if spoilt:
+            self._rewrite(path, b"".join(records))
             warnings.warn(
-                f"{path}: {spoilt} lines are no records, their points are computed again",
+                f"{path}: {spoilt} line(s) held no record and are removed; "
+                "what they stood for is computed again",
                 stacklevel=4,
             )
+
+    def _rewrite(self, path, content):
+        """Put other content in the file's place at once, and hold that."""
+        beside = path.with_name(f".{uuid.uuid4().hex}.jsonl")
+        fresh = _held(beside)
+        try:
+            written = fresh.write(content)
+            if written != len(content):
+                raise OSError(f"{path}: {written} of {len(content)} bytes written")
+            os.fsync(fresh.fileno())
+            os.replace(beside, path)
+        except BaseException:
+            fresh.close()
+            beside.unlink(missing_ok=True)
+            raise
+        self._file.close()
+        self._file = fresh
 
     def __enter__(self):
         return self
@@ -106,6 +122,24 @@ class Journal:
             written = self._file.write(line)
             if written != len(line):  # a full disk: the rest of the line would be a torn one
                 raise OSError(f"journal: {written} of {len(line)} bytes written")
+
+
+def _held(path):
+    """Open a file to read and append, made if new, that no other process holds."""
+    while True:
+        file = open(path, "a+b", buffering=0)
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+            # Whoever held it may have put another in its place since it was opened here.
+            if os.path.exists(path) and os.path.samestat(os.fstat(file.fileno()), os.stat(path)):
+                return file
+        except BlockingIOError:
+            file.close()
+            raise BlockingIOError(f"{path}: another sweep is writing to this folder") from None
+        except BaseException:
+            file.close()
+            raise
+        file.close()
 
 
 def blank_record(key, status, message):

@@ -6,6 +6,7 @@ import os
 import sys
 from pathlib import Path
 
+from .arguments import check_folder
 from .digests import code_digest, commit, digest
 from .errors import CsmError
 from .metrics import CAUSES
@@ -142,6 +143,9 @@ def sweep(
     >>> found.sizes["map_size"], found.disagreement.attrs["units"]
     (2, '1')
     """
+    folder = None if out is None else Path(out)
+    if folder is not None:
+        check_folder(folder, "out")
     axes, cases = axes_of(axes), cases_of(cases, size)
     base = ShadowSettings() if base is None else base
     if not isinstance(base, ShadowSettings):
@@ -152,7 +156,6 @@ def sweep(
     _check_packages(out, {axis.name for axis in axes})
     points = points_of(base, axes)
     keys = _keys(cases, points, options, rays)
-    folder = None if out is None else Path(out)
     with Journal(None if folder is None else folder / JOURNAL) as journal:
         left = _left(cases, keys, points, journal)
         with _bar(progress, sum(map(len, left)), len(set(keys.values()))) as advance:

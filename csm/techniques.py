@@ -42,6 +42,7 @@ def _maps():
         }
     rows["5 of 640"] = {"cascade_count": 5, "map_size": 640}
     rows["3 of 1024"] = {"cascade_count": 3, "map_size": 1024}
+    rows["1 of 2048"] = {"cascade_count": 1}
     rows["16-bit depth"] = {"depth_format": "d16"}
     rows["atlas"] = {"storage": "atlas"}
     return rows
@@ -66,13 +67,11 @@ def _fits():
 
 
 def _warps():
-    one = {"cascade_count": 1}
     return {
         "LiSPSM": {"warp": "lispsm"},
         "PSM": {"warp": "psm"},
         "TSM": {"warp": "tsm"},
-        "1 of 2048": one,
-        "1 of 2048, LiSPSM": {**one, "warp": "lispsm"},
+        "1 of 2048, LiSPSM": {"cascade_count": 1, "warp": "lispsm"},
     }
 
 

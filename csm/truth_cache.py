@@ -45,7 +45,7 @@ def cached_truth(
     ImportError, TypeError, ValueError, KeyboardInterrupt
         As `csm.truth`.
     OSError
-        If the folder cannot be written.
+        If the folder cannot be written, or another folder is where the truth's file belongs.
     """
     options = {"rays_per_pixel": rays_per_pixel, "standard_error": standard_error}
     if folder is None:
@@ -54,6 +54,10 @@ def cached_truth(
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as saved:
             return truth_from_arrays(dict(saved), scene, camera, sun)
+    except IsADirectoryError:
+        raise IsADirectoryError(
+            f"{path}: a folder is where a traced truth is to be kept; move it away"
+        ) from None
     except (FileNotFoundError, KeyError, EOFError, ValueError, TypeError, zipfile.BadZipFile):
         pass  # not there, or not whole
     traced = truth(scene, camera, sun, **options, progress=progress)

@@ -263,7 +263,8 @@ if crossed.mean() > 0.01:
 # %% [markdown]
 # ## A sun that moves
 #
-# Now the truth changes too. Rays say by how much, and only what goes beyond it counts. A camera's
+# Now the truth changes too. Rays say by how much, and only what goes beyond it counts; the sun is a
+# point here, as these maps have it (of a disc the rays would follow the penumbrae). A camera's
 # snapping is no help: the grid turns with the light. `sun_step_deg` lets the maps' sun go in steps:
 # between two of them nothing in the maps changes, so that flicker is 0 by theory, and at a step
 # everything changes at once. *Look at the dips to 0, and at the error that pays for them.* The
@@ -273,11 +274,11 @@ if crossed.mean() > 0.01:
 
 # %%
 def hour(k):
-    """The sun turned about the vertical by k steps of 0.12 degrees."""
+    """A point sun, turned about the vertical by k steps of 0.12 degrees."""
     angle = np.radians(0.12 * k)
     x, y, z = sun.to_light
     turned = (x * np.cos(angle) - z * np.sin(angle), y, x * np.sin(angle) + z * np.cos(angle))
-    return csm.Sun(turned, sun.angular_diameter_deg)
+    return csm.Sun(turned)
 
 
 hours = [hour(k) for k in range(9)]

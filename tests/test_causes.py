@@ -182,6 +182,8 @@ def test_a_planted_half_texel_is_aliasing_alone(renderer, perfect, truth):
         {"blend": "smooth", "fade_width": 0.5},
         {"warp": "lispsm"},
         {"light_basis": "world"},
+        {"filter": "pcss", "filter_size": 15},
+        {"filter": "pcss", "filter_size": 15, "blend": "linear"},
     ],
     ids=lambda changes: " ".join(f"{k}={v}" for k, v in changes.items()) or "default",
 )
@@ -204,6 +206,73 @@ def test_causes_add_up_to_the_total(renderer, changes, rays):
     assert (report.per_pixel["peter_panning"] >= 0.0).all()
     assert (report.per_pixel["light_leak"] >= 0.0).all()
     assert not any(values[~report.judged].any() for values in report.per_pixel.values())
+
+
+# -- soft shadows ----------------------------------------------------------------------------------
+
+DISC = csm.Sun(SUN.to_light, 3.0)
+SOFT = csm.ShadowSettings(map_size=512, filter="pcss", filter_size=15)
+
+
+@pytest.fixture(scope="module")
+def soft_truth():
+    return csm.truth(SCENE, CAMERA, DISC, rays_per_pixel=64)
+
+
+def soft_planted(renderer, soft_truth, planted):
+    """Causes of a soft shadow whose answer is the soft truth and what a test adds to it."""
+    frame = Planted(renderer.render(SCENE, CAMERA, DISC, SOFT, outputs=OUTPUTS), soft_truth)
+    frame.plant(np.s_[:], np.clip(soft_truth.mask + planted, 0.0, 1.0))
+    return csm.compare(frame, soft_truth)
+
+
+def test_soft_shadows_have_no_aliasing_and_less_penumbra_than_hard_ones(renderer, soft_truth):
+    reports = [
+        csm.compare(renderer.render(SCENE, CAMERA, DISC, one, outputs=OUTPUTS), soft_truth)
+        for one in (SOFT, SOFT.replace(filter="hard"))
+    ]
+    soft, hard = (report.mean for report in reports)
+    assert soft["aliasing"] == soft["perspective_aliasing"] == soft["phase_aliasing"] == 0.0
+    assert 0.0 < soft["total"] < 0.8 * hard["total"]
+    assert soft["penumbra"] < 0.8 * hard["penumbra"]
+
+
+def test_soft_shadows_that_are_the_discs_have_no_error(renderer, soft_truth):
+    report = soft_planted(renderer, soft_truth, 0.0)
+    assert nonzero(report) == set()
+
+
+def test_soft_shadows_err_in_the_penumbra_by_penumbra_alone(renderer, soft_truth):
+    partly = (soft_truth.mask > 0.15) & (soft_truth.mask < 1.0)
+    report = soft_planted(renderer, soft_truth, np.where(partly, -0.125, 0.0))
+    assert nonzero(report) == {"penumbra"}
+    planted = np.where(partly & report.judged, -0.125, 0.0)
+    assert np.count_nonzero(planted) > 50
+    np.testing.assert_allclose(report.per_pixel["penumbra"], planted, atol=1e-7)  # float32
+
+
+@pytest.mark.parametrize("lit", [True, False])
+def test_soft_shadows_err_outside_the_penumbra_by_other_causes(renderer, soft_truth, lit):
+    """Shadow where all of the disc is seen, and light where none of it is."""
+    where = soft_truth.mask == float(lit)
+    report = soft_planted(renderer, soft_truth, np.where(where, -0.5 if lit else 0.5, 0.0))
+    found = nonzero(report)
+    assert found == {"false_shadow"} if lit else found <= {"peter_panning", "light_leak"}
+    assert report.mean["total"] > 0.01
+    assert sum(report.mean[cause] for cause in found) == pytest.approx(report.mean["total"])
+
+
+def test_soft_shadows_of_a_point_sun_are_hard_ones(renderer, truth):
+    """Every tap is the point's own texel, so they alias as a hard compare does."""
+    hard, soft = (
+        csm.compare(renderer.render(SCENE, CAMERA, SUN, one, outputs=OUTPUTS), truth)
+        for one in (SOFT.replace(filter="hard"), SOFT)
+    )
+    assert soft.mean["aliasing"] == hard.mean["aliasing"] > 0.0
+    assert soft.mean["penumbra"] == 0.0
+
+
+# -- what is rendered ------------------------------------------------------------------------------
 
 
 def test_no_bias_is_acne_and_much_bias_peter_panning(renderer, truth):
@@ -259,6 +328,16 @@ def test_arrays_alone_have_no_causes():
     for name in ("own_surface", "expected_aliasing"):
         with pytest.raises(ValueError, match=f"{name} needs a Frame and a Truth"):
             getattr(report, name)
+
+
+def test_what_is_swapped_is_said(renderer, truth):
+    frame = renderer.render(SCENE, CAMERA, SUN, csm.ShadowSettings(map_size=64))
+    for words in ((truth, frame), (frame, frame), (truth, truth)):
+        kinds = " and ".join(type(word).__name__ for word in words)
+        with pytest.raises(
+            TypeError, match=rf"the Frame first and the Truth second \(got {kinds}\)"
+        ):
+            csm.compare(*words)
 
 
 def test_a_blended_frame_needs_its_single_mask(renderer, truth):

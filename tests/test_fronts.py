@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from csm.fronts import best_within, next_halvings, on_front, paired_interval
+from csm.fronts import FEWEST_CASES, best_within, next_halvings, on_front, paired_interval
 from csm.settings import ShadowSettings
 from csm.techniques import BASELINE, FAMILIES, TECHNIQUES, settings_by_name
 
@@ -57,6 +57,16 @@ def test_a_tie_and_a_difference():
     assert np.isnan(paired_interval([np.nan], [1.0])).all()
 
 
+def test_no_interval_where_a_sign_test_could_not_tell():
+    """Differences all of one sign come by chance at 2 (1/2)^n: 5 % of it takes six cases."""
+    assert 2 * 0.5**FEWEST_CASES < 0.05 < 2 * 0.5 ** (FEWEST_CASES - 1)
+    better, worse = np.linspace(0.1, 0.2, FEWEST_CASES), np.linspace(0.4, 0.5, FEWEST_CASES)
+    assert paired_interval(better, worse)[1] < 0.0
+    assert np.isnan(paired_interval(better[1:], worse[1:])).all()
+    worse[0] = np.nan
+    assert np.isnan(paired_interval(better, worse)).all()
+
+
 def test_techniques_are_settings_with_names_of_their_own():
     names = [technique.name for technique in TECHNIQUES]
     assert len(set(names)) == len(names) >= 60
@@ -73,3 +83,9 @@ def test_equal_memory_is_equal(name):
     settings = ShadowSettings(**settings_by_name()[name])
     texels = settings.cascade_count * settings.map_size**2
     assert texels == pytest.approx(4 * 2048**2, rel=2e-3)
+
+
+def test_one_map_is_a_map_and_a_warp_of_it_a_warp():
+    family = {technique.name: technique.family for technique in TECHNIQUES}
+    assert family["1 of 2048"] == "maps and cascades"
+    assert family["1 of 2048, LiSPSM"] == "warps"

@@ -187,9 +187,9 @@ ORDER = [
     "engines_desktop", "engines_native", "export", "records", "recommendation",
     "director_report", "director",
     "pictures", "outlines", "plot_style", "plot_windows", "plot_frames", "plot", "techniques",
-    "hard_cases", "hard_case_page", "fronts", "report_pictures", "reports", "report_runs",
-    "results", "pytest_plugin", "viewer", "sweep_command", "recommend_command", "report_command",
-    "cli", "__main__",
+    "hard_cases", "hard_case_page", "fronts", "report_pictures", "report_tables", "reports",
+    "report_runs", "results", "pytest_plugin", "viewer", "sweep_command", "recommend_command",
+    "report_command", "cli", "__main__",
 ]  # fmt: skip
 JUDGES = {
     "embree", "disc", "tracing", "footprints", "sampling", "causes", "metrics", "motion",

@@ -159,3 +159,17 @@ def test_nothing_to_judge_is_no_warning():
         warnings.simplefilter("error")
         use = measures.texel_use(frame, truth)
     assert np.isnan(use.texels_per_pixel).any()
+
+
+def test_one_choice_is_no_path():
+    with pytest.raises(TypeError, match=r"path must be a sequence .*got one ShadowSettings"):
+        measures.settings_stability(csm.ShadowSettings())
+
+
+@pytest.mark.parametrize("name", ["boundary_distance", "penumbra_error", "texel_use"])
+def test_measures_say_what_they_take(frame, truth, name):
+    measure, flat = getattr(measures, name), np.ones((3, 4))
+    for words in ((flat, flat), (frame, flat), (flat, truth), (truth, frame)):
+        kinds = " and ".join(type(word).__name__ for word in words)
+        with pytest.raises(TypeError, match=rf"{name} takes a Frame and a Truth \(got {kinds}\)"):
+            measure(*words)

@@ -7,7 +7,10 @@ import numpy as np
 import pytest
 
 import csm
+from csm.disc import SOFT_RAYS, disc_directions
+from csm.embree import tree_of
 from csm.motion import FlickerReport
+from csm.tracing import FACING
 
 pytest.importorskip("embreex", reason="points of surfaces are traced (extra: truth)")
 
@@ -136,6 +139,67 @@ def test_a_true_change_under_a_moving_sun_is_no_flicker(surface):
     assert csm.flicker(frames, scene=SCENE).per_step[1] == pytest.approx(jitter.mean(), rel=1e-6)
 
 
+def soft_path(surface, visibility):
+    """Frames of a sun with a disc that moves, over points that say what a function has them say."""
+    points, normals = surface
+    suns = [csm.Sun.from_compass(125 + 2 * k, 35) for k in range(3)]
+    suns = [csm.Sun(sun.to_light, 6.0) for sun in suns]
+    cascade = np.zeros(len(points), np.uint8)
+    return [
+        FakeFrame(points, visibility(sun), cascade, sun=sun, point_normals=normals) for sun in suns
+    ]
+
+
+def test_a_penumbra_that_moves_is_no_flicker(surface):
+    """Of a soft truth nothing is left; a hard edge under the same sun jumps and so flickers."""
+    points, normals = surface
+    seen = np.zeros((48, 64), bool)
+    first = csm.truth(SCENE, camera_at(0), SUN)
+    seen[first.valid & first.facing] = True
+
+    def soft(sun):
+        truth = csm.truth(SCENE, camera_at(0), sun, rays_per_pixel=1024)
+        return np.asarray(truth.mask[seen], np.float64)
+
+    frames = soft_path(surface, soft)
+    partly = (frames[0].point_visibility > 0.0) & (frames[0].point_visibility < 1.0)
+    moved = np.abs(np.diff([frame.point_visibility for frame in frames], axis=0))
+    assert np.count_nonzero(partly) > 50
+    assert moved.mean() > 5e-3, "the sun's path changes nothing here"
+    report = csm.flicker(frames, scene=SCENE)
+    # Independent points have an error of half over the root of 64 rays at most, strata less; a
+    # change is of two of them, and its positive part has 1 / sqrt(2 pi) of the deviation for mean.
+    deviation = np.sqrt(2.0) * 0.5 / np.sqrt(64.0)
+    changing = np.count_nonzero(moved > 0.0) / moved.size
+    assert report.mean <= changing * deviation / np.sqrt(2.0 * np.pi)
+    assert report.largest < 5.0 * deviation
+    assert report.mean < 0.1 * moved.mean()
+
+    def hard(sun):
+        return csm.truth(SCENE, camera_at(0), sun).trace(points, normals)
+
+    assert csm.flicker(soft_path(surface, hard), scene=SCENE).mean > 10.0 * report.mean
+
+
+def test_the_same_rays_of_the_disc_leave_nothing_at_all(surface):
+    """Traced by hand, a ray at a time, as docs/numerics.md 15 has it."""
+    points, normals = surface
+
+    def shares(sun):
+        seen = np.zeros(len(points))
+        for ray in range(SOFT_RAYS):
+            towards = disc_directions(sun, SOFT_RAYS, ray, np.arange(len(points)))
+            tree = tree_of(SCENE)
+            origins = tree.lifted(points - tree.origin, normals)
+            above = np.einsum("mk,mk->m", towards, normals) > FACING
+            seen += above & (tree.query(origins, towards) < 0)
+        return np.where(normals @ sun.to_light > FACING, seen / SOFT_RAYS, 0.0)
+
+    frames = soft_path(surface, shares)
+    assert np.ptp([frame.point_visibility for frame in frames], axis=0).max() > 0.2
+    assert csm.flicker(frames, scene=SCENE).largest == 0.0
+
+
 def test_a_moving_field_of_view_flickers_where_windows_change(renderer, surface):
     zoom = [camera_at(0).replace(size=(64, 48))]
     for fov in (39.0, 38.0, 37.0):
@@ -197,6 +261,12 @@ def test_hidden_points_do_not_count(renderer):
 def test_bad_paths_are_refused(surface, frames, scene, words):
     with pytest.raises(ValueError, match=words):
         csm.flicker(frames(surface), scene=scene)
+
+
+def test_one_frame_is_no_path(surface):
+    (frame,) = fakes([[1.0]], [[0]], surface)
+    with pytest.raises(TypeError, match=r"frames must be a sequence .*got one FakeFrame"):
+        csm.flicker(frame)
 
 
 def test_report_is_made_of_arrays():

@@ -1,6 +1,7 @@
 """The plugin in somebody else's suite: found by pytest, passes, fails with evidence."""
 
 import json
+import os
 import subprocess
 import sys
 from importlib.metadata import entry_points
@@ -9,29 +10,55 @@ import numpy as np
 import pytest
 
 import csm
+from csm.digests import scene_digest
 from csm.pytest_plugin import assert_shadows_match, write_evidence
+from csm.records import load_settings
+from csm.sweep_cases import camera_from_text, sun_from_text
 
 pytest.importorskip("embreex", reason="the plugin compares with the truth (extra: truth)")
 
 SUITE = """
+import os
+
 import csm
 import pytest
 
 SCENE = csm.scenes.plane_and_box()
 CAMERA = csm.Camera.look_at((-7, 5, 1), (-1, 0.5, -0.7), fov_y_deg=40, far=100, size=(64, 48))
 SUN = csm.Sun.from_compass(125, 35)
+GOOD = csm.ShadowSettings(map_size=256)
+OURS = GOOD.replace(bias=os.environ["OUR_BIAS"])
 
 
 def test_our_shadows(shadow_case):
-    case = shadow_case(SCENE, CAMERA, SUN, csm.ShadowSettings(map_size=256))
+    case = shadow_case(SCENE, CAMERA, SUN, GOOD)
     assert case.report.disagreement < 0.05
     case.check(max_error=0.05, causes={"false_shadow": 0.01})
 
 
 def test_without_bias(shadow_case):
-    shadow_case(SCENE, CAMERA, SUN, csm.ShadowSettings(map_size=256, bias="manual")).check(
-        max_error=0.05, causes={"false_shadow": 0.01}
-    )
+    shadow_case(SCENE, CAMERA, SUN, OURS).check(max_error=0.05, causes={"false_shadow": 0.01})
+
+
+@pytest.mark.parametrize("name", ["a/b c", "a_b_c"])
+def test_two_cases(shadow_case, name):
+    cases = [shadow_case(SCENE, CAMERA, SUN, OURS.replace(map_size=size)) for size in (64, 128)]
+    wrong = 0
+    for case in cases:
+        try:
+            case.check(max_error=0.05)
+        except AssertionError:
+            wrong += 1
+    assert not wrong
+
+
+@pytest.mark.parametrize("words", [
+    ("plane_and_box", CAMERA, SUN), (SCENE, "corner", SUN), (SCENE, CAMERA, "noon"),
+    (SCENE, CAMERA, SUN, {"map_size": 64}),
+])
+def test_names(shadow_case, words):
+    with pytest.raises(TypeError, match="(scene|camera|sun|settings) must be a csm"):
+        shadow_case(*words)
 """
 
 
@@ -40,27 +67,64 @@ def test_pytest_finds_the_plugin():
     assert [one.value for one in found] == ["csm.pytest_plugin"]
 
 
-def test_a_suite_passes_and_fails_with_evidence(tmp_path):
+def run_suite(tmp_path, bias):
     (tmp_path / "test_engine.py").write_text(SUITE)
-    run = subprocess.run(
+    return subprocess.run(
         [sys.executable, "-m", "pytest", "-q", "-p", "no:cacheprovider", "--shadow-evidence",
          "left", str(tmp_path)],
         cwd=tmp_path, capture_output=True, text=True, timeout=100,
-    )  # fmt: skip
-    assert "1 failed, 1 passed" in run.stdout, run.stdout
-    assert "shadows do not match" in run.stdout
-    assert "false_shadow" in run.stdout
-    left = {path.name for path in tmp_path.glob("left/*/*")}
+        env=os.environ | {"OUR_BIAS": bias},
+    ).stdout  # fmt: skip
+
+
+def test_a_suite_fails_with_evidence_that_goes_when_it_passes(tmp_path):
+    text = run_suite(tmp_path, "manual")
+    assert "3 failed, 5 passed" in text, text
+    assert "shadows do not match" in text
+    assert "false_shadow" in text
     pictures = ("rendered", "reference", "difference")
-    assert left == {
+    files = {
         *(f"{name}.png" for name in pictures), *(f"{name}.npy" for name in pictures),
         "settings.json", "numbers.json",
     }  # fmt: skip
-    (folder,) = tmp_path.glob("left/*")
-    assert "test_without_bias" in folder.name
-    settings = json.loads((folder / "settings.json").read_text())
-    assert csm.ShadowSettings(**settings) == csm.ShadowSettings(map_size=256, bias="manual")
-    assert np.load(folder / "difference.npy").min() == -1.0
+    left = sorted((tmp_path / "left").iterdir())
+    assert len(left) == 3, "a folder for each test that failed, whatever its name"
+    assert all({path.name for path in folder.iterdir()} - {"case_2"} == files for folder in left)
+    assert [(folder / "case_2").is_dir() for folder in left] == [True, True, False]
+    sizes = [
+        json.loads((folder / "settings.json").read_text())["settings"]["map_size"]
+        for folder in (left[0], left[0] / "case_2")
+    ]
+    assert sizes == [64, 128]
+    assert "test_without_bias" in left[2].name
+
+    (left[2] / "note.txt").write_text("mine")
+    text = run_suite(tmp_path, "auto")
+    assert "8 passed" in text, text
+    assert [path.name for path in tmp_path.glob("left/**/*") if path.is_file()] == ["note.txt"]
+    assert [path.name for path in tmp_path.glob("left/*")] == [left[2].name]
+
+
+def test_evidence_is_enough_to_repeat(tmp_path, renderer):
+    scene = csm.scenes.plane_and_box()
+    camera = csm.Camera.look_at((-7, 5, 1), (-1, 0.5, -0.7), fov_y_deg=40, far=100, size=(64, 48))
+    sun = csm.Sun(csm.Sun.from_compass(125, 35).to_light, 2.0)
+    settings = csm.ShadowSettings(map_size=256, bias="manual")
+    frame = renderer.render(scene, camera, sun, settings)
+    truth = csm.truth(scene, camera, sun, rays_per_pixel=4)
+    with pytest.raises(AssertionError, match="do not match"):
+        assert_shadows_match(frame, truth, max_error=0.0, folder=tmp_path)
+    kept = json.loads((tmp_path / "settings.json").read_text())
+    assert csm.ShadowSettings.from_dict(kept["settings"]) == settings
+    assert load_settings(tmp_path / "settings.json") == settings
+    assert kept["scene"] == {
+        "name": scene.name, "digest": scene_digest(scene), "triangles": scene.triangle_count,
+    }  # fmt: skip
+    again = camera_from_text(json.dumps(kept["camera"])), sun_from_text(json.dumps(kept["sun"]))
+    repeated = renderer.render(scene, *again, settings)
+    np.testing.assert_array_equal(repeated.mask, np.load(tmp_path / "rendered.npy"))
+    traced = csm.truth(scene, *again, rays_per_pixel=kept["rays_per_pixel"])
+    np.testing.assert_array_equal(traced.mask, np.load(tmp_path / "reference.npy"))
 
 
 def test_masks_of_any_engine_are_judged(tmp_path):

@@ -149,8 +149,11 @@ def test_files_and_grounds_lie_beside_it(gl, tmp_path):
         ('scene = "plane_and_box"', "scene = 3", "[cases.box] scene must be a text or a list"),
         ('"plane_and_box"', '"nowhere.glb"', "nowhere.glb"),
         ("cascade_count = 2", "cascade_count = 9", "[base]: cascade_count must be 1 to 8"),
-        ('sun = "diagonal"', 'sun = "blue"', "'box corner': --sun must be one of"),
+        ('sun = "diagonal"', 'sun = "blue"', "cases: 'box corner': sun must be one of"),
         ("[base]", '["cases"."box corner"]\nscene = "stairs"\n[base]', "called 'box corner'"),
+        ('["corner", "contact"]', '"nope"', "cases: 'box': camera must be one of corner"),
+        ('["corner", "contact"]', '"eye=1,2"', "cases: 'box': camera eye must be 3 numbers"),
+        ('"plane_and_box"', '"nowhere"', "cases: 'box corner': scene must be a file or one of"),
         ('sun = "diagonal"', 'ground = "x"', "[cases.box] ground must be a number (got 'x')"),
     ],
 )
@@ -171,6 +174,24 @@ def test_words_that_do_not_go_together(tmp_path, capsys):
     (tmp_path / "file").write_text("")
     line = refused(capsys, written(tmp_path), "--out", tmp_path / "file")
     assert "is a file, not a folder" in line
+
+
+def test_a_spoilt_journal_is_said_in_one_sentence(gl, tmp_path, capsys):
+    out = tmp_path / "out"
+    words = (written(tmp_path, FILE.replace("[64, 32]", "[32]")), "--out", out, "--quiet")
+    assert run(*words) == 0
+    journal = out / "journal.jsonl"
+    whole = journal.read_text()
+    journal.write_text("spoilt\n" + whole)
+    capsys.readouterr()
+    assert run(*words) == 0
+    assert capsys.readouterr().err == (
+        f"csm: {journal}: 1 line(s) held no record and are removed; "
+        "what they stood for is computed again\n"
+    )
+    assert journal.read_text() == whole
+    assert run(*words) == 0
+    assert capsys.readouterr().err == ""
 
 
 def test_the_help_shows_a_file_that_is_read(tmp_path):

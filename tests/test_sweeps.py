@@ -4,6 +4,7 @@ import csv
 import gc
 import json
 import re
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -17,7 +18,7 @@ import xarray
 
 import csm
 from csm import renderer as renderer_module
-from csm import sweep_runs, sweep_worker, sweeps, truth_cache
+from csm import sweep_journal, sweep_runs, sweep_worker, sweeps, truth_cache
 from csm.sweep_command import read_sweep
 from csm.sweep_journal import Journal, blank_record
 from csm.sweep_tables import COLUMNS, VALUES
@@ -281,8 +282,8 @@ def test_a_truth_that_fails_is_a_record_of_its_case(gl, monkeypatch):
         (({}, AXES), ValueError, "at least one case"),
         (([BOX], AXES), TypeError, "cases must map names"),
         (({"box": BOX[:2]}, AXES), TypeError, r"'box' must be \(scene, camera, sun\)"),
-        (({"box": ("nowhere", None, None)}, AXES), ValueError, "SCENE must be a file or one of"),
-        (({"box": (BOX[0], "nowhere", None)}, AXES), ValueError, "'box': --camera must be one of"),
+        (({"box": ("nowhere", None, None)}, AXES), ValueError, "'box': scene must be a file"),
+        (({"box": (BOX[0], "nowhere", None)}, AXES), ValueError, "'box': camera must be one of"),
         (({"box": (BOX[0], None, 3)}, AXES), TypeError, "'box': sun must be a csm.Sun or a name"),
         (({"box": BOX}, {"map_sise": [1]}), ValueError, "'map_sise' is no setting; there are"),
         (({"box": BOX}, {"map_size": 64}), TypeError, "map_size must be a list of values"),
@@ -324,6 +325,15 @@ def test_bad_input_is_refused_before_any_work(arguments, error, text, tmp_path, 
 def test_bad_options_are_refused(options, error, text):
     with pytest.raises(error, match=text):
         csm.sweep({"box": BOX}, {"map_size": [64]}, **options)
+
+
+def test_a_file_in_the_folders_place_is_refused_before_scenes_load(tmp_path, monkeypatch):
+    monkeypatch.setattr(sweeps, "cases_of", None)
+    (tmp_path / "file").write_text("")
+    with pytest.raises(NotADirectoryError, match=r"out .*file: is a file, not a folder"):
+        csm.sweep({"box": BOX}, AXES, out=tmp_path / "file")
+    with pytest.raises(PermissionError, match="is not a folder"):
+        csm.sweep({"box": BOX}, AXES, out=tmp_path / "file" / "deeper")
 
 
 # ----------------------------------------------------------------------------------- nothing twice
@@ -427,11 +437,41 @@ def test_a_spoilt_line_is_said(tmp_path):
         for key in "ab":
             journal.add(blank_record(key, "ok", ""))
     path.write_text("not json\n[]\n" + path.read_text())
-    with pytest.warns(UserWarning, match="2 lines are no records"):
+    with pytest.warns(UserWarning, match=r"2 line\(s\) held no record and are removed"):
         journal = Journal(path)
     with journal:
         assert "a" in journal
         assert "b" in journal
+        journal.add(blank_record("c", "ok", ""))
+        with pytest.raises(BlockingIOError, match="another sweep is writing"):
+            Journal(path)
+    assert [line["key"] for line in lines(tmp_path)] == ["a", "b", "c"]
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        Journal(path).close()
+    assert [one.name for one in tmp_path.iterdir()] == ["journal.jsonl"]
+
+
+def test_a_journal_that_was_put_in_anothers_place_is_the_one_that_is_held(tmp_path, monkeypatch):
+    """Opened just before another sweep wrote it anew: what is held then is nobody's file."""
+    path, hold = tmp_path / "journal.jsonl", sweep_journal.fcntl.flock
+    path.write_text("no record\n")
+    others = []
+
+    def slow(file, how):
+        if not others:
+            others.append(None)
+            with pytest.warns(UserWarning, match="are removed"):
+                others[0] = Journal(path)
+            others[0].add(blank_record("theirs", "ok", ""))
+            others[0].close()
+        hold(file, how)
+
+    monkeypatch.setattr(sweep_journal.fcntl, "flock", slow)
+    with Journal(path) as journal:
+        assert "theirs" in journal
+        journal.add(blank_record("ours", "ok", ""))
+    assert [line["key"] for line in lines(tmp_path)] == ["theirs", "ours"]
 
 
 def test_one_sweep_at_a_time_writes_to_a_folder(tmp_path):

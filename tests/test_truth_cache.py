@@ -164,3 +164,13 @@ def test_a_digest_is_the_same_in_every_process():
     assert digests.digest({"a": (1, 2.5, None)}, "b") == digests.digest({"a": [1, 2.5, None]}, "b")
     assert len(digests.digest("")) == 20
     assert digests.code_digest() != digests.code_digest(compiled=False)
+
+
+def test_a_folder_in_a_truths_place_is_said(scene, camera, tmp_path, traced):
+    cached_truth(scene, camera, SUN, tmp_path)
+    (file,) = tmp_path.iterdir()
+    file.unlink()
+    file.mkdir()
+    with pytest.raises(IsADirectoryError, match=rf"{file}: a folder is where a traced truth"):
+        cached_truth(scene, camera, SUN, tmp_path)
+    assert len(traced) == 1, "refused before it is traced"
