@@ -1,4 +1,4 @@
-"""Other measures: where edges lie, how wide penumbrae are, what texels are for, what keeps still.
+"""Other measures: edges, penumbrae, seams between cascades, what texels are for, what keeps still.
 
 See docs/numerics.md 15.
 """
@@ -17,10 +17,12 @@ from .tracing import Truth
 __all__ = [
     "EdgeDistances",
     "PenumbraError",
+    "SeamSteps",
     "SettingsStability",
     "TexelUse",
     "boundary_distance",
     "penumbra_error",
+    "seam_steps",
     "settings_stability",
     "texel_use",
 ]
@@ -174,6 +176,54 @@ def penumbra_error(frame, truth):
         float(widths[0] / widths[1]) if widths[1] > 0.0 else float("nan"),
         int(np.count_nonzero(partial)),
     )
+
+
+@dataclass(frozen=True)
+class SeamSteps:
+    """Steps of a mask where cascades meet that the truth does not have. Made by `seam_steps`.
+
+    Attributes
+    ----------
+    pair_count : int
+        Neighbouring judged pixels that different cascades answer for.
+    excess : float
+        By how much the mask differs more within such a pair than the truth, 0 where it differs
+        less: the mean over them all; NaN without any.
+    """
+
+    pair_count: int
+    excess: float
+
+    @property
+    def per_thousand(self):
+        """Steps from dark to lit, or as much in parts of them, per 1000 such pairs."""
+        return 1000.0 * self.excess
+
+
+def seam_steps(frame, truth):
+    """How visible the boundaries between cascades are.
+
+    The cause ``seam`` of `csm.compare` is what blending and fading change; this is what is seen of
+    two cascades that disagree, blended or not.
+
+    Parameters
+    ----------
+    frame : Frame
+    truth : Truth
+
+    Returns
+    -------
+    steps : SeamSteps
+    """
+    judged, index = compare(frame, truth).judged, np.asarray(frame.cascade_index)
+    mask, reference = (np.asarray(one.mask, np.float64) for one in (frame, truth))
+    excess = []
+    for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):
+        pair = judged[one] & judged[other] & (index[one] != index[other])
+        steps, true = (np.abs(of[one] - of[other])[pair] for of in (mask, reference))
+        excess.append(np.maximum(steps - true, 0.0))
+    excess = np.concatenate(excess)
+    return SeamSteps(len(excess), _mean(excess))
 
 
 @dataclass(frozen=True, eq=False)

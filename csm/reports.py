@@ -36,7 +36,7 @@ MEANINGS = {
     "false_shadow": "acne: surfaces that shadow themselves, for want of bias",
     "peter_panning": "light where an occluder is nearer than the bias, which hides it",
     "light_leak": "light that no bias explains: bleeding of prefiltered maps, missing casters",
-    "seam": "what blending, fading and choosing between cascades changes",
+    "seam": "what blending between cascades and fading at the end of the range change",
     "too_bright": "light where the truth has shadow",
     "too_dark": "shadow where the truth has light",
 }
@@ -154,7 +154,8 @@ def _glossary(dataset):
     if "expected_aliasing" in dataset:
         lines.append(
             "<tr><td>expected aliasing</td><td>what theory expects of texels of this size along "
-            "the truth's edges: far above it something else is wrong</td></tr>"
+            "the truth's edges; more is measured where texels reach into solids that stand "
+            "beside a pixel, less where they are larger than the shadows</td></tr>"
         )
     if "flicker" in dataset:
         lines.append(

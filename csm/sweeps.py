@@ -32,6 +32,7 @@ from .sweep_tables import (
     write_netcdf,
 )
 from .sweep_worker import MASK_CAUSES, Job, Options, measure
+from .tracing import NotConverged
 from .truth_cache import cached_truth
 
 __all__ = ["repeat_point", "sweep"]
@@ -317,7 +318,7 @@ def _work(cases, left, truths, rays, land):
             continue
         try:
             traced = cached_truth(case.scene, case.camera, case.sun, truths, **rays)
-        except (CsmError, MemoryError) as error:
+        except (CsmError, MemoryError, NotConverged) as error:
             for job in jobs:
                 land(blank_record(job.key, FAILED, f"no truth: {error or type(error).__name__}"))
             continue

@@ -16,10 +16,14 @@ from .scene import Scene
 from .spaces import as_number
 from .sun import Sun
 
-__all__ = ["Truth", "truth"]
+__all__ = ["NotConverged", "Truth", "truth"]
 
 FACING = 1e-5  # n . L above which a surface faces the sun: below, rounding decides
 MAX_RAYS_PER_PIXEL = 1 << 16
+
+
+class NotConverged(ValueError):
+    """The standard error that was asked for is out of reach of this scene, camera and sun."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -281,7 +285,7 @@ def _converge(picture, tree, sun, disc, target, progress):
 
     while disc.patterns < 2 or disc.standard_error > target:
         if disc.rays * (disc.patterns + 1) > MAX_RAYS_PER_PIXEL:
-            raise ValueError(
+            raise NotConverged(
                 f"standard_error {target:g} takes more than {MAX_RAYS_PER_PIXEL} rays per pixel "
                 f"({disc.standard_error:g} after {disc.rays * disc.patterns})"
             )

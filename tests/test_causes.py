@@ -303,23 +303,37 @@ def test_pcf_blurs_as_an_exact_map_would(renderer, truth):
 
 
 def test_measured_aliasing_is_what_theory_expects(renderer):
-    """Within 15 % on a plane and a box, over suns and map sizes together: single views have a few
-    hundred edge pixels whose phases are not random. The box hovers: where one stands on the ground
-    a texel's centre may lie inside it, which errs without an edge in the truth."""
+    """Within 15 % on a plane and a box that hovers, in every view."""
     box = csm.Scene.from_arrays(*hovering_box())
     scene = csm.Scene.merge(box, csm.Scene.from_arrays(PLANE, [[0, 1, 2], [0, 2, 3]]))
+    measured, expected = aliasing_of_views(renderer, scene, (96, 128, 180, 256))
+    assert np.abs(measured / expected - 1.0).max() < 0.15
+    # single views have a few hundred edge pixels whose phases are not random: together closer
+    assert measured.sum() == pytest.approx(expected.sum(), rel=0.1)
+
+
+def test_measured_aliasing_of_a_box_that_stands_is_what_theory_expects(renderer):
+    """Within 15 % over views and sizes together. At the foot of the box a texel's centre may lie
+    inside it, which errs without an edge in the truth: more than expected, in single views by up
+    to a fifth."""
+    measured, expected = aliasing_of_views(renderer, SCENE, (96, 128, 180, 256))
+    assert 1.0 < measured.sum() / expected.sum() < 1.15
+    assert (measured / expected).max() < 1.2
+
+
+def aliasing_of_views(renderer, scene, sizes):
+    """Aliasing under four suns with maps of these sizes, measured and expected: (n,) each."""
     camera = csm.Camera.look_at((-9, 8, 1), (-2, 0, -1), fov_y_deg=40, far=60, size=(480, 320))
-    measured, expected = 0.0, 0.0
+    found = []
     for azimuth in (62, 84, 97, 118):
         sun = csm.Sun.from_compass(azimuth, 48)
         truth = csm.truth(scene, camera, sun)
-        for size in (96, 128, 180, 256):
+        for size in sizes:
             settings = csm.ShadowSettings(map_size=size, cascade_count=2)
             frame = renderer.render(scene, camera, sun, settings, outputs=OUTPUTS)
             report = csm.compare(frame, truth)
-            measured += report.mean["aliasing"]
-            expected += report.expected_aliasing
-    assert measured == pytest.approx(expected, rel=0.15)
+            found.append((report.mean["aliasing"], report.expected_aliasing))
+    return np.transpose(found)
 
 
 def test_arrays_alone_have_no_causes():

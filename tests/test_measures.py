@@ -126,6 +126,46 @@ def test_texels_per_pixel_on_the_ground_are_a_ratio_of_areas(frame, truth):
     assert len(shares) == 4
 
 
+def halved(mask, frame):
+    """A frame whose left half is the first cascade's, its right half the second's."""
+    shown = Shown(mask, frame)
+    shown.cascade_index = np.zeros(mask.shape, np.uint8)
+    shown.cascade_index[:, mask.shape[1] // 2 :] = 1
+    return shown
+
+
+def test_a_planted_step_between_cascades_is_counted_by_hand(frame, truth):
+    middle = truth.mask.shape[1] // 2
+    judged = csm.compare(frame, truth).judged
+    left, right = truth.mask[:, middle - 1], truth.mask[:, middle]
+    pairs = judged[:, middle - 1] & judged[:, middle]
+    assert 0 < np.count_nonzero(pairs & (left != right)) < np.count_nonzero(pairs)
+    planted = truth.mask.copy()
+    planted[20:50, middle:] = 1.0 - planted[20:50, middle:]  # the second cascade is wrong there
+    steps = measures.seam_steps(halved(planted, frame), truth)
+    assert steps.pair_count == np.count_nonzero(pairs)
+    # where the truth has the edge itself, the planted mask has none: less is no step
+    seen = np.count_nonzero((pairs & (left == right))[20:50])
+    assert 0 < seen
+    assert steps.excess == pytest.approx(seen / steps.pair_count)
+    assert steps.per_thousand == pytest.approx(1000.0 * seen / steps.pair_count)
+    half = truth.mask + np.where(planted != truth.mask, 0.5 - truth.mask, 0.0)
+    halfway = measures.seam_steps(halved(half, frame), truth)
+    assert halfway.excess == pytest.approx(0.5 * steps.excess)
+
+
+def test_what_is_wrong_within_a_cascade_is_no_step_between_two(frame, truth):
+    wrong = truth.mask.copy()
+    wrong[::3, : truth.mask.shape[1] // 2 - 1] = 0.25  # acne that ends before the boundary
+    assert measures.seam_steps(halved(truth.mask, frame), truth).excess == 0.0
+    assert measures.seam_steps(halved(wrong, frame), truth).excess == 0.0
+    alone = Shown(truth.mask, frame)
+    alone.cascade_index = np.zeros(truth.mask.shape, np.uint8)
+    steps = measures.seam_steps(alone, truth)
+    assert steps.pair_count == 0
+    assert np.isnan(steps.excess)
+
+
 def test_settings_that_go_back_and_forth_are_counted():
     a, b = csm.ShadowSettings(cascade_count=2), csm.ShadowSettings(cascade_count=3)
     still = measures.settings_stability([a, a, a.replace(filter_size=7), a])

@@ -276,6 +276,23 @@ def test_a_truth_that_fails_is_a_record_of_its_case(gl, monkeypatch):
     assert "no room for the tree" in found.message.values[1, 0]
 
 
+def test_a_truth_that_does_not_converge_is_a_record_of_its_case(gl, monkeypatch):
+    """One sun of many whose penumbra takes too many rays must not cost the others."""
+    monkeypatch.setattr("csm.tracing.MAX_RAYS_PER_PIXEL", 8)
+    soft = (BOX[0], BOX[1], ("diagonal", 20.0))
+    found = csm.sweep(
+        {"soft": soft, "point": (BOX[0], BOX[1], ("diagonal", 0.0))},
+        {"map_size": [64, 96]},
+        rays_per_pixel=2,
+        standard_error=1e-4,
+        **QUICK,
+    )
+    assert found.status.values.tolist() == [["failed", "failed"], ["ok", "ok"]]
+    assert "standard_error 0.0001 takes more than 8 rays" in found.message.values[0, 0]
+    with pytest.raises(ValueError, match="standard_error needs rays_per_pixel of 2 or more"):
+        csm.sweep({"box": BOX}, {"map_size": [64]}, standard_error=0.1, **QUICK)
+
+
 @pytest.mark.parametrize(
     ("arguments", "error", "text"),
     [
