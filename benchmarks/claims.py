@@ -22,7 +22,7 @@ from cases import note
 from claim_page import page
 from claim_table import CLAIMS
 from claim_verdicts import condition, judge
-from claim_views import SIZE, Bench
+from claim_views import FAR, SIZE, Bench
 
 import csm
 from csm.arguments import parse_size
@@ -52,7 +52,8 @@ def measure(claims, options):
         probe = bench.render(bench.views[0], csm.ShadowSettings(), outputs=("mask",))
         clock = probe.info["clock"]
         label = options.label or renderer.info["renderer"].split("(")[0].strip()
-        scenes = list(dict.fromkeys(view.scene_name for view in bench.views))
+        views = bench.views + bench.views_of(FAR)  # all that any claim takes
+        scenes = list(dict.fromkeys(view.scene_name for view in views))
         found = {"label": label, "size": list(options.size), "scenes": scenes, "claims": {}}
         earlier = {}
         if options.only and options.json and options.json.exists():

@@ -149,6 +149,14 @@ def test_page_has_every_claim_with_its_verdict():
         assert claim.source in line
 
 
+def test_every_scene_that_a_case_is_of_is_named():
+    """But for the suns over the sky, which are over no scene."""
+    for one in read():
+        cases = [case["name"] for rows in one["claims"].values() for case in rows]
+        of_scenes = {name.split(" ")[0].rstrip(",") for name in cases if "°, sun" not in name}
+        assert of_scenes <= set(one["scenes"])
+
+
 def test_page_follows_the_numbers():
     """Other numbers, another verdict; a second machine, another column; what is absent is said."""
     claim, first = BY_ID["blend-both"], read()[0]
