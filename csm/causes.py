@@ -29,6 +29,7 @@ CAUSES = (
 )  # fmt: skip
 
 FARTHEST_REACH = 4  # texels on each side whose occluders are asked for: 81 rays a pixel
+NOISE = 1e-6  # of the factors of a texel's length: float32 positions turn normals by as much
 FARTHEST_TEXELS = 1e6  # of a tangent plane nearly edge-on to the light: beyond, nothing is said
 
 
@@ -201,7 +202,8 @@ class Stages:
     def aliasing_shares(self):
         """Parts of the aliasing by perspective and by projection: two (h, w) float64.
 
-        By logarithms, as the two factors multiply; both 0 where texels are no coarser than pixels.
+        By logarithms, as the two factors multiply, each taken for 1 where it is less; both 0 where
+        neither exceeds 1.
         """
         camera, index = self.frame.camera, np.asarray(self.frame.cascade_index)
         largest = self.frame.cascades.texel_size.max(axis=1)
@@ -215,7 +217,7 @@ class Stages:
             projection = whole / perspective
             logs = [np.log(np.fmax(m, 1.0)) for m in (perspective, projection)]
             both = logs[0] + logs[1]
-            shares = [np.where(both > 0.0, one / both, 0.0) for one in logs]
+            shares = [np.where(both > NOISE, one / both, 0.0) for one in logs]
         return [np.nan_to_num(share) for share in shares]
 
 

@@ -167,7 +167,7 @@ class ErrorReport:
     Of a Frame and a Truth ``too_bright`` and ``too_dark`` are those parts, and the causes tell why.
     ``aliasing``: the texel's centre sees something else than the point; its parts by perspective
     (texels coarser than pixels on a surface that faces the camera), by projection (a surface turned
-    from the light) and by phase (a texel no coarser than a pixel, but elsewhere). ``penumbra``:
+    from the light) and by phase (neither, but the texel's centre lies elsewhere). ``penumbra``:
     what the filter's kernel blurs, against a soft truth what it blurs unlike the sun's disc.
     Soft shadows (``pcss``) of a sun with a disc average no texels: they have no aliasing, what they
     err by where the truth sees a part of the disc is ``penumbra``, and the rest falls to the causes

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import csm
-from csm.causes import CAUSES
+from csm.causes import CAUSES, Stages
 
 pytest.importorskip("embreex", reason="causes are told apart by rays (extra: truth)")
 
@@ -334,6 +334,57 @@ def aliasing_of_views(renderer, scene, sizes):
             report = csm.compare(frame, truth)
             found.append((report.mean["aliasing"], report.expected_aliasing))
     return np.transpose(found)
+
+
+# straight down on the ground: 1 m is 16 pixels
+ABOVE = csm.Camera.orthographic(
+    (-3, 20, 0), (-3, 0, 0), up=(0, 0, -1), height=6, near=1, far=40, size=(128, 96)
+)
+
+
+@pytest.mark.parametrize("to_light", [(1, 1, 0), (0.3, 1, 0.1), (0.2, 0.5, 1)])
+@pytest.mark.parametrize("map_size", [64, 128])
+def test_aliasing_is_split_as_on_paper(renderer, to_light, map_size):
+    """On the ground from above a texel of t metres is 16 t pixels wide, and 1 / sin(elevation)
+    times as long where the light stretches it."""
+    sun = csm.Sun(to_light)
+    truth = csm.truth(SCENE, ABOVE, sun)
+    settings = csm.ShadowSettings(map_size=map_size, cascade_count=1)
+    frame = renderer.render(SCENE, ABOVE, sun, settings, outputs=OUTPUTS)
+    report = csm.compare(frame, truth)
+    perspective = 16.0 * frame.cascades.texel_size[0].max()
+    projection = 1.0 / sun.to_light[1]
+    assert perspective > 1.0
+    share = np.log(perspective) / (np.log(perspective) + np.log(projection))
+    ground = report.judged & (truth.normal[..., 1] > 0.99) & (truth.position[..., 1] < 0.01)
+    whole = np.where(ground, report.per_pixel["aliasing"], 0.0)
+    assert np.count_nonzero(whole) > 20
+    for cause, part in (("perspective", share), ("projection", 1.0 - share), ("phase", 0.0)):
+        found = np.where(ground, report.per_pixel[f"{cause}_aliasing"], 0.0)
+        np.testing.assert_allclose(found, part * whole, atol=1e-9)
+
+
+def test_texels_finer_than_pixels_alias_by_their_phase_alone(renderer):
+    """A plane that faces the sun and the camera: neither factor exceeds 1 but by rounding."""
+    to_light = np.array([0.48, 0.6, 0.64])
+    across = np.array([0.8, 0.0, -0.6])
+    along = np.cross(to_light, across)
+    corners = [20.0 * (a * across + b * along) for a, b in ((-1, -1), (-1, 1), (1, 1), (1, -1))]
+    scene = csm.Scene.merge(
+        csm.Scene.from_arrays(corners, [[0, 1, 2], [0, 2, 3]]),
+        csm.Scene.from_arrays(np.array(corners) / 20.0 + 3.0 * to_light, [[0, 1, 2], [0, 2, 3]]),
+    )
+    camera = csm.Camera.look_at(9.0 * to_light, (0, 0, 0), fov_y_deg=50, far=20, size=SIZE)
+    sun = csm.Sun(to_light)
+    truth = csm.truth(scene, camera, sun)
+    settings = csm.ShadowSettings(map_size=4096, cascade_count=1)
+    frame = renderer.render(scene, camera, sun, settings, outputs=OUTPUTS)
+    report = csm.compare(frame, truth)
+    assert np.nanmax(csm.metrics.undersampling(frame, truth)) < 1.0
+    perspective, projection = Stages(frame, truth, report.judged).aliasing_shares
+    assert report.judged_count > 1000
+    assert not perspective[report.judged].any()
+    assert not projection[report.judged].any()
 
 
 def test_arrays_alone_have_no_causes():
