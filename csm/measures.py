@@ -214,8 +214,14 @@ def seam_steps(frame, truth):
     Returns
     -------
     steps : SeamSteps
+
+    Raises
+    ------
+    TypeError
+        If they are plain arrays, or anything else.
     """
-    judged, index = compare(frame, truth).judged, np.asarray(frame.cascade_index)
+    judged = _report("seam_steps", frame, truth).judged
+    index = np.asarray(frame.cascade_index)
     mask, reference = (np.asarray(one.mask, np.float64) for one in (frame, truth))
     excess = []
     for one, other in ((np.s_[:, :-1], np.s_[:, 1:]), (np.s_[:-1, :], np.s_[1:, :])):

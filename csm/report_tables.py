@@ -13,6 +13,7 @@ __all__ = ["MIB", "against_baseline", "best_table", "hard_case_table", "techniqu
 MIB = 2.0**20
 MEMORIES_MIB = (4, 16, 64, 256)  # of maps, for the comparison at equal memory
 TIMES = (0.5, 1.0, 2.0, 4.0)  # of the baseline's time, for the one at equal time
+FLICKERS = {"flicker": "flicker", "flicker_transition": "between cascades"}
 
 
 def best_table(dataset):
@@ -92,13 +93,15 @@ def technique_table(one):
     ]
     words = [name.removeprefix("error_").replace("_", " ") for name in causes]
     head = "".join(f"<th>{html.escape(word)}</th>" for word in words)
-    flicker = "<th>flicker</th>" if "flicker" in one else ""
+    moving = [name for name in ("flicker", "flicker_transition") if name in one]
+    moving_head = "".join(f"<th>{FLICKERS[name]}</th>" for name in moving)
     rows = []
     for i in np.argsort(np.where(np.isfinite(error), error, np.inf), kind="stable"):
         if not np.isfinite(error[i]):
             status = str(one.message.values[i]) if "message" in one else "no numbers"
             rows.append(
-                f"<tr><td>{html.escape(names[i])}</td><td colspan='{6 + len(causes)}'>"
+                f"<tr><td>{html.escape(names[i])}</td>"
+                f"<td colspan='{5 + len(causes) + len(moving)}'>"
                 f"{html.escape(status or 'no pixel was judged')}</td></tr>"
             )
             continue
@@ -107,22 +110,35 @@ def technique_table(one):
         if next_one.index is not None:
             text = f"{html.escape(names[next_one.index])}, {next_one.factor:.2g} x the time"
         numbers = "".join(f"<td class='n'>{float(one[name].values[i]):.3%}</td>" for name in causes)
-        flickers = f"<td class='n'>{float(one.flicker.values[i]):.3%}</td>" if flicker else ""
+        flickers = "".join(f"<td class='n'>{_share(one[name].values[i])}</td>" for name in moving)
         rows.append(
             f"<tr{' class=front' if front[i] else ''}><td>{html.escape(names[i])}</td>"
             f"<td class='n'>{error[i]:.3%}</td>"
             f"<td class='n'>{float(one.disagreement.values[i]):.3%}</td>{numbers}{flickers}"
-            f"<td class='n'>{time[i]:.1f}</td><td class='n'>{memory[i]:.1f}</td>"
-            f"<td>{text}</td></tr>"
+            f"<td class='n'>{time[i]:.1f}{_quartiles(one, i)}</td>"
+            f"<td class='n'>{memory[i]:.1f}</td><td>{text}</td></tr>"
         )
     return [
         "<details open><summary>every technique, best first; <b>bold</b>: on the front of error "
         "and time</summary>",
-        f"<table><tr><th>technique</th><th>error</th><th>wrong</th>{head}{flicker}<th>ms</th>"
+        f"<table><tr><th>technique</th><th>error</th><th>wrong</th>{head}{moving_head}<th>ms</th>"
         "<th>MiB</th><th>cheapest with half the error</th></tr>",
         *rows,
         "</table></details>",
     ]
+
+
+def _share(value):
+    """A share as a percentage; a dash where there is none, as of transitions of one cascade."""
+    return f"{float(value):.3%}" if np.isfinite(value) else "–"
+
+
+def _quartiles(one, i):
+    """First and third quartile of a technique's time, where the dataset has them."""
+    if "ms_total_q1" not in one or "ms_total_q3" not in one:
+        return ""
+    low, high = (float(one[f"ms_total_{q}"].values[i]) for q in ("q1", "q3"))
+    return f" <span class='note'>{low:.1f} to {high:.1f}</span>"
 
 
 def against_baseline(dataset):

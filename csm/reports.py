@@ -136,7 +136,8 @@ def _head(dataset, title):
         "<p>Every technique below drew the same pictures on the same machine, in turns, and was "
         "judged pixel by pixel against ray tracing. <b>Error</b> is the mean of |mask − truth| "
         "over the pixels that face the sun; <b>wrong</b> the share of them on the other side of "
-        "one half. <b>Time</b> is the median of all passes of a frame, reading back left out. "
+        "one half. <b>Time</b> is the median of all passes of a frame, reading back left out; "
+        "in the tables its first and third quartiles stand beside it. "
         "<b>Memory</b> is that of shadow maps and what is made of them. A technique that nothing "
         "beats in error and cost at once lies on the front, the line in the pictures.</p>",
         f"<p class='note'>{html.escape(str(where))}</p>" if where else "",
@@ -160,7 +161,13 @@ def _glossary(dataset):
     if "flicker" in dataset:
         lines.append(
             "<tr><td>flicker</td><td>mean change of the mask at fixed points of the scene from "
-            "frame to frame, while the camera walks and turns a little</td></tr>"
+            "frame to frame, while the camera walks and turns a little, of those that stay in "
+            "their cascade</td></tr>"
+        )
+    if "flicker_transition" in dataset:
+        lines.append(
+            "<tr><td>between cascades</td><td>the same of the points that another cascade answers "
+            "for in the next frame: how much a shadow jumps there</td></tr>"
         )
     if not lines:
         return []

@@ -206,7 +206,7 @@ def test_one_choice_is_no_path():
         measures.settings_stability(csm.ShadowSettings())
 
 
-@pytest.mark.parametrize("name", ["boundary_distance", "penumbra_error", "texel_use"])
+@pytest.mark.parametrize("name", ["boundary_distance", "penumbra_error", "seam_steps", "texel_use"])
 def test_measures_say_what_they_take(frame, truth, name):
     measure, flat = getattr(measures, name), np.ones((3, 4))
     for words in ((flat, flat), (frame, flat), (flat, truth), (truth, frame)):

@@ -64,6 +64,27 @@ def test_page_needs_no_other_file_and_says_what_the_dataset_says(dataset, tmp_pa
     assert f"width: {CROP[1]}px; }}" in text, "a pixel of a crop is a pixel of the page, or two"
 
 
+def test_times_have_their_quartiles_and_transitions_a_column_of_their_own(dataset, tmp_path):
+    plain = csm.report(dataset, out=tmp_path / "plain").read_text(encoding="utf-8")
+    assert "<th>between cascades</th>" not in plain
+    time, place = dataset.ms_total, ("case", "technique")
+    jumps = np.full((2, 4), 0.0625)
+    jumps[:, 1] = np.nan  # of a single map
+    more = dataset.assign(
+        ms_total_q1=time - 0.5, ms_total_q3=time + 1.5, flicker_transition=(place, jumps)
+    )
+    text = csm.report(more, out=tmp_path / "more").read_text(encoding="utf-8")
+    assert text.count("<th>flicker</th><th>between cascades</th><th>ms</th>") == 2
+    rows = {name: re.search(rf"<tr[^>]*><td>{name}</td>.*?</tr>", text)[0] for name in NAMES[:2]}
+    assert "<td class='n'>10.0 <span class='note'>9.5 to 11.5</span></td>" in rows[BASELINE]
+    assert "<td class='n'>6.250%</td>" in rows[BASELINE]
+    assert "<td class='n'>–</td>" in rows["pcf 3x3"]
+    # what failed spans all columns but its name
+    columns = re.search(r"<table><tr>(<th>technique.*?)</tr>", text)[1].count("<th>")
+    (span,) = {int(one) for one in re.findall(r"colspan='(\d+)'>it &lt;broke", text)}
+    assert span == columns - 1
+
+
 def test_order_of_dimensions_does_not_matter(dataset, tmp_path):
     one = csm.report(dataset, out=tmp_path / "one").read_text(encoding="utf-8")
     turned = dataset.transpose("technique", "case", ...)
