@@ -68,12 +68,13 @@ def next_halvings(costs, errors):
     Returns
     -------
     halvings : list of Halving
+        What has no error has none to halve.
     """
     costs, errors = (np.asarray(one, float) for one in (costs, errors))
     found = []
     for cost, error in zip(costs, errors, strict=True):
         enough = np.flatnonzero((errors <= 0.5 * error) & np.isfinite(costs))
-        if len(enough) and np.isfinite(cost):
+        if error > 0.0 and len(enough) and np.isfinite(cost):
             best = int(enough[np.argmin(costs[enough])])
             factor = costs[best] / cost if cost > 0.0 else np.inf
             found.append(Halving(best, float(factor)))

@@ -34,11 +34,16 @@ def test_next_halving_is_the_cheapest_of_half_the_error(points):
         enough = [
             j for j in range(len(points)) if errors[j] <= errors[i] / 2 and not np.isnan(costs[j])
         ]
-        if not enough or np.isnan(costs[i]):
+        if not enough or np.isnan(costs[i]) or errors[i] == 0.0:
             assert found.index is None
         else:
             assert costs[found.index] == min(costs[j] for j in enough)
             assert errors[found.index] <= errors[i] / 2
+
+
+def test_what_has_no_error_is_not_halved():
+    found = next_halvings([3.0, 1.0, 2.0], [0.0, 0.0, 0.1])
+    assert [one.index for one in found] == [None, None, 1]
 
 
 def test_best_within_a_budget():
