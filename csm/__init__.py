@@ -16,6 +16,7 @@ from .motion import FlickerReport, flicker
 from .plans import Plan, plan
 from .recommendation import Recommendation, recommend
 from .renderer import Renderer, backends
+from .report_runs import sweep_techniques
 from .reports import report
 from .scene import Camera, Mesh, Scene, Sun
 from .settings import ShadowSettings
@@ -69,6 +70,7 @@ __all__ = [
     "scenes",
     "split_distances",
     "sweep",
+    "sweep_techniques",
     "truth",
     "write_check",
 ]

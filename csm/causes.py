@@ -12,6 +12,7 @@ sun they are a hard compare and judged as one.
 """
 
 from functools import cached_property
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -28,6 +29,7 @@ CAUSES = (
     "too_bright", "too_dark", "perspective_aliasing", "projection_aliasing", "phase_aliasing",
 )  # fmt: skip
 
+_SOFT = WeakKeyDictionary()  # soft masks of truths of point suns: a sweep asks for each often
 FARTHEST_REACH = 4  # texels on each side whose occluders are asked for: 81 rays a pixel
 NOISE = 1e-6  # of the factors of a texel's length: float32 positions turn normals by as much
 FARTHEST_TEXELS = 1e6  # of a tangent plane nearly edge-on to the light: beyond, nothing is said
@@ -110,9 +112,12 @@ class Stages:
 
     def _soft_truth(self):
         exact = self.truth
-        if exact.rays_per_pixel == 1:
-            exact = truth(exact.scene, exact.camera, exact.sun, rays_per_pixel=SOFT_RAYS)
-        return np.asarray(exact.mask, np.float64)
+        if exact.rays_per_pixel > 1:
+            return np.asarray(exact.mask, np.float64)
+        if exact not in _SOFT:
+            soft = truth(exact.scene, exact.camera, exact.sun, rays_per_pixel=SOFT_RAYS)
+            _SOFT[exact] = np.asarray(soft.mask, np.float64)
+        return _SOFT[exact]
 
     def _filtered(self, cascade, pixels):
         surface = _Surface(self, cascade, pixels)

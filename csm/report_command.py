@@ -18,13 +18,13 @@ from .disc import SOFT_RAYS
 from .formats import named
 from .hard_cases import kept_rows
 from .progress import Progress
-from .report_runs import with_crops_and_flicker
+from .report_runs import chosen_techniques, sweep_techniques
 from .reports import report
 from .scenes import SCENES
 from .spaces import as_whole
 from .sun import Sun
-from .sweeps import MOST_REPEATS, TRUTHS, sweep
-from .techniques import FAMILIES, TECHNIQUES
+from .sweeps import MOST_REPEATS
+from .techniques import FAMILIES
 
 __all__ = ["REPORT_EXAMPLES", "REPORT_HELP", "add_report_options", "run_report"]
 
@@ -35,7 +35,8 @@ of the error costs, the least error within a budget, flicker, and the same spot 
 technique beside the ray-traced truth.
 
 SCENE is a file or the name of a made scene; SCENE:CAMERA:SUN picks a camera and a sun of it by
-name, otherwise its first ones count. Called again with the same folder it goes on where it was.
+name, otherwise its first ones count. Called again with the same folder it measures what is new;
+crops and flicker are made anew.
 """
 
 REPORT_EXAMPLES = """\
@@ -46,9 +47,6 @@ examples:
 """
 
 REPEATS = 5
-CAUSES_SHOWN = (
-    "total", "aliasing", "penumbra", "false_shadow", "peter_panning", "light_leak", "seam",
-)  # fmt: skip
 
 
 def add_report_options(command):
@@ -88,40 +86,19 @@ def add_report_options(command):
         help=f"frames timed of each technique (default {REPEATS})",
     )
     add(
+        "--processes",
+        type=int,
+        default=1,
+        metavar="N",
+        help="worker processes; they disturb each other's times (default 1)",
+    )
+    add(
         "--hard-cases",
         metavar="DIR",
         help="folder that csm hard-cases --out wrote, to be summed up on the page",
     )
     add_backend_option(add)
     add("--quiet", action="store_true", help="no progress on stderr, no path on stdout")
-
-
-def chosen_techniques(families):
-    """Settings of the techniques of some families, or of all.
-
-    Parameters
-    ----------
-    families : str or None
-        Names separated by commas; the baseline is always among them.
-
-    Returns
-    -------
-    settings : dict of str to dict
-
-    Raises
-    ------
-    ValueError
-        If a name is no family.
-    """
-    names = FAMILIES if families is None else [one.strip() for one in families.split(",")]
-    for name in names:
-        if name not in FAMILIES:
-            raise ValueError(f"--families may name {', '.join(FAMILIES)} (got {name!r})")
-    return {
-        one.name: dict(one.settings)
-        for number, one in enumerate(TECHNIQUES)
-        if one.family in names or number == 0
-    }
 
 
 def find_case(text, size, diameter=None):
@@ -175,7 +152,11 @@ def run_report(options):
     """Run the subcommand."""
     folder, size = parse_folder(options.out), parse_size(options.size)
     rays = parse_rays(options.rays)
-    techniques = chosen_techniques(options.families)
+    families = None
+    if options.families is not None:
+        families = [one.strip() for one in options.families.split(",")]
+    with named("--families"):
+        techniques = chosen_techniques(families)
     repeats = as_whole("--repeats", options.repeats, 1, MOST_REPEATS)
     if options.sun_diameter is not None:
         with named("--sun-diameter"):
@@ -183,7 +164,6 @@ def run_report(options):
     check_folder(folder)
     if options.hard_cases is not None:
         kept_rows(options.hard_cases)
-    swept = folder / "sweep"
     progress = Progress(quiet=options.quiet)
     with progress.stage("loading"):
         cases = {}
@@ -195,26 +175,19 @@ def run_report(options):
                     "give each once, and files names of their own"
                 )
             cases[name] = case
-    with progress.stage(f"sweeping {len(techniques)} techniques over {len(cases)} case(s)") as go:
-        dataset = sweep(
+    said = f"{len(techniques)} techniques over {len(cases)} case(s)"
+    with progress.stage(said) as advance:
+        dataset = sweep_techniques(
             cases,
-            {"technique": techniques},
-            out=swept,
+            families=families,
+            out=folder / "sweep",
             size=size,
             repeats=repeats,
             rays_per_pixel=rays,
-            causes=CAUSES_SHOWN if options.causes else None,
+            causes=options.causes,
+            processes=options.processes,
             backend=options.backend,
-            progress=go,
-        )
-    with progress.stage("crops and flicker") as advance:
-        dataset = with_crops_and_flicker(
-            dataset,
-            cases,
-            rays_per_pixel=rays,
-            truths=swept / TRUTHS,
-            backend=options.backend,
-            advance=advance,
+            progress=advance,
         )
     with progress.stage("writing"):
         page = report(dataset, out=folder, hard_cases=options.hard_cases)

@@ -1,21 +1,31 @@
-"""What a report shows beside a sweep: the same spot under every technique, and its flicker."""
+"""What a report shows: techniques swept, the same spot under each, and its flicker."""
+
+from pathlib import Path
 
 import numpy as np
 
 from .camera import Camera
+from .disc import SOFT_RAYS
 from .metrics import compare
 from .motion import flicker
 from .renderer import Renderer
 from .settings import ShadowSettings
-from .techniques import BASELINE, settings_by_name
+from .sweep_cases import cases_of
+from .sweeps import TRUTHS, sweep
+from .techniques import BASELINE, FAMILIES, TECHNIQUES, settings_by_name
 from .truth_cache import cached_truth
 
-__all__ = ["crop_place", "with_crops_and_flicker"]
+__all__ = ["crop_place", "sweep_techniques", "with_crops_and_flicker"]
+
+CAUSES_SHOWN = (
+    "total", "aliasing", "penumbra", "false_shadow", "peter_panning", "light_leak", "seam",
+)  # fmt: skip
+SWEPT = 0.8  # of the work, roughly, is the sweep
 
 CROP = (96, 96)  # height and width of the spot [px]
 KEPT = 0.9  # of the error in the best crop, that one with the error in its middle must keep
 FRAMES = 6  # of the path that flicker is taken from
-STEP_SHARE = 2e-4  # of the view range that the camera goes sideways from frame to frame
+STEP_SHARE = 4e-3  # of the median depth seen, that the camera goes sideways from frame to frame
 TURN_DEG = 0.05
 POINTS = 4000
 
@@ -65,12 +75,14 @@ def _centroid(sums):
     return float((sums * (np.arange(len(sums)) + 0.5)).sum() / sums.sum())
 
 
-def path_of(camera):
+def path_of(camera, depth):
     """The camera going sideways and turning a little: a walk that moves edges by parts of texels.
 
     Parameters
     ----------
     camera : Camera
+    depth : float
+        Of what is seen [m]: a step is a share of it.
 
     Returns
     -------
@@ -80,7 +92,7 @@ def path_of(camera):
     for step in range(FRAMES):
         angle = np.radians(TURN_DEG * step)
         ahead = np.sin(angle) * camera.right - np.cos(angle) * camera.backward
-        eye = camera.eye + STEP_SHARE * (camera.far - camera.near) * step * camera.right
+        eye = camera.eye + STEP_SHARE * depth * step * camera.right
         if camera.orthographic:
             path.append(camera.translated(eye - camera.eye))
             continue
@@ -91,6 +103,126 @@ def path_of(camera):
             )
         )  # fmt: skip
     return path
+
+
+def sweep_techniques(
+    cases,
+    *,
+    families=None,
+    base=None,
+    out=None,
+    size=None,
+    repeats=None,
+    rays_per_pixel=SOFT_RAYS,
+    causes=True,
+    processes=1,
+    client=None,
+    backend="auto",
+    progress=None,
+):
+    """Measure the techniques of the literature on scenes: all that `csm.report` shows.
+
+    Parameters
+    ----------
+    cases : mapping of str to (scene, camera, sun)
+        As for `csm.sweep`, objects or names.
+    families : sequence of str, optional
+        Of `csm.techniques.FAMILIES`; all of them by default. The baseline is always among them.
+    base : ShadowSettings, optional
+        What the techniques change.
+    out : path, optional
+        Folder of the sweep, where it goes on if it was stopped; crops and flicker are made anew.
+    size : (int, int), optional
+        Width and height of every picture [px], instead of the cameras' own.
+    repeats : int, optional
+        As for `csm.sweep`.
+    rays_per_pixel : int
+        Of the truth, for suns with a disc; a point sun takes one whatever it says.
+    causes : bool
+        Whether errors are told by cause, which takes a ray per pixel and texel of every kernel.
+    processes, client
+        As for `csm.sweep`; crops and flicker are made in this process.
+    backend : str
+    progress : callable, optional
+        Takes the share done, 0 to 1.
+
+    Returns
+    -------
+    dataset : xarray.Dataset
+        Of `csm.sweep` over an axis ``technique``, with crops and flicker: for `csm.report`.
+
+    Raises
+    ------
+    ValueError
+        If a name is no family; and as `csm.sweep`.
+    TypeError, OSError, ImportError, ContextError, BlockingIOError, KeyboardInterrupt
+        As `csm.sweep`.
+
+    Examples
+    --------
+    >>> import csm
+    >>> case = ("plane_and_box", "corner", "diagonal")
+    >>> found = csm.sweep_techniques({"box": case}, families=["bias and selection"],
+    ...     size=(64, 48), repeats=1, causes=False)
+    >>> found.sizes["case"], "flicker" in found
+    (1, True)
+    """
+    tell = progress or (lambda share: None)
+    techniques = chosen_techniques(families)
+    known = cases_of(cases, size)
+    dataset = sweep(
+        cases,
+        {"technique": techniques},
+        base=base,
+        out=out,
+        size=size,
+        repeats=repeats,
+        rays_per_pixel=rays_per_pixel,
+        causes=CAUSES_SHOWN if causes else None,
+        processes=processes,
+        client=client,
+        backend=backend,
+        progress=lambda share: tell(SWEPT * share),
+    )
+    return with_crops_and_flicker(
+        dataset,
+        {case.name: (case.scene, case.camera, case.sun) for case in known},
+        base=base,
+        rays_per_pixel=rays_per_pixel,
+        truths=None if out is None else Path(out) / TRUTHS,
+        backend=backend,
+        advance=lambda share: tell(SWEPT + (1.0 - SWEPT) * share),
+    )
+
+
+def chosen_techniques(families=None):
+    """Settings of the techniques of some families, or of all.
+
+    Parameters
+    ----------
+    families : sequence of str, optional
+        The baseline is always among them.
+
+    Returns
+    -------
+    settings : dict of str to dict
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is a text, or a name is no family.
+    """
+    if isinstance(families, str):
+        raise TypeError(f"families must be a sequence of names (got the string {families!r})")
+    names = FAMILIES if families is None else tuple(families)
+    for name in names:
+        if name not in FAMILIES:
+            raise ValueError(f"families may name {', '.join(FAMILIES)} (got {name!r})")
+    return {
+        one.name: dict(one.settings)
+        for number, one in enumerate(TECHNIQUES)
+        if one.family in names or number == 0
+    }
 
 
 def with_crops_and_flicker(
@@ -133,6 +265,7 @@ def with_crops_and_flicker(
     for i, (scene, camera, sun) in enumerate(cases.values()):
         exact = cached_truth(scene, camera, sun, truths, rays_per_pixel=rays_per_pixel)
         points = _points_of(exact)
+        path = path_of(camera, _median_depth(camera, points[0]))
         with Renderer(backend) as renderer:
             first = renderer.render(scene, camera, sun, base.replace(**changes[BASELINE]))
             report = compare(first, exact)
@@ -150,7 +283,7 @@ def with_crops_and_flicker(
                 settings = base.replace(**changes[name])
                 mask = renderer.render(scene, camera, sun, settings, outputs=("mask",)).mask[cut]
                 crops[i, j, : seen.shape[0], : seen.shape[1]] = np.where(seen, mask, np.nan)
-                found = _flicker(renderer, scene, camera, sun, settings, points)
+                found = _flicker(renderer, scene, path, sun, settings, points)
                 rates[i, j] = found.mean, found.transition
                 if advance is not None:
                     advance(done / (shape[0] * shape[1]))
@@ -173,11 +306,17 @@ def _points_of(exact):
     return points[chosen], normals[chosen]
 
 
-def _flicker(renderer, scene, camera, sun, settings, points):
+def _median_depth(camera, points):
+    if not len(points):
+        return 0.0
+    return float(np.median((points - camera.eye) @ -camera.backward))
+
+
+def _flicker(renderer, scene, path, sun, settings, points):
     frames = [
         renderer.render(
             scene, here, sun, settings, outputs=(), points=points[0], point_normals=points[1]
         )
-        for here in path_of(camera)
+        for here in path
     ]
     return flicker(frames, scene=scene)

@@ -205,7 +205,11 @@ def hard_case_table(folder):
         If it holds no records.
     """
     if folder is None:
-        return []
+        return [
+            "<h2 id='hard-cases'>Hard cases</h2><p>Not measured for this page: <code>csm "
+            "hard-cases --out DIR</code> runs them, <code>csm report --hard-cases DIR</code> sums "
+            "them up here.</p>"
+        ]
     rows = kept_rows(folder)
     lines = []
     for case, title in CASES.items():
