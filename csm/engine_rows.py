@@ -214,6 +214,11 @@ def fade_share(at):
     return 1.0 - fade_start(at) / at.far
 
 
+def from_sun(at):
+    """Unit vector along the light, away from the sun."""
+    return [0.0 - float(one) for one in at.sun.to_light]
+
+
 def faces(at):
     """Which sides of triangles cast."""
     return at.settings.caster_faces

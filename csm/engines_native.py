@@ -25,6 +25,7 @@ from .engine_rows import (
     cascade_count,
     clamped,
     fade_share,
+    from_sun,
     is_hard,
     is_soft,
     map_size,
@@ -246,6 +247,8 @@ FILAMENT = Engine(
     settings=(
         Setting("LightManager::Builder::castShadows", ("shadows",), "", FILAMENT_LIGHT,
                 lambda at: not at.dark, ".castShadows($)", 1),
+        Setting("LightManager::Builder::direction", (), "unit vector from the sun", FILAMENT_LIGHT,
+                from_sun, ".direction($)", 1),
         Setting("LightManager::Builder::sunAngularRadius", ("filter",), "degrees, 0.25 to 20",
                 FILAMENT_LIGHT, _filament_radius, ".sunAngularRadius($)", 1),
         Setting("ShadowOptions::mapSize", ("map_size",), "texels of each cascade", FILAMENT_LIGHT,

@@ -31,6 +31,7 @@ from .engine_rows import (
     blend_share,
     cascade_count,
     faces,
+    from_sun,
     in_metres,
     is_hard,
     is_soft,
@@ -142,7 +143,7 @@ THREE = Engine(
                 "shadowMapSize: $,", 1),
         Setting(
             "CSM.lightDirection", (), "unit vector from the sun", CSM_PAGE,
-            lambda at: [0.0 - float(one) for one in at.sun.to_light],
+            from_sun,
             "lightDirection: new THREE.Vector3(...$),", 1,
         ),
         Setting("CSM.lightNear", ("depth_range",), "m", CSM_PAGE, lambda at: THREE_NEAR,

@@ -1,6 +1,7 @@
 """The subcommand `csm recommend`: only the settings a scene calls for, and their proof."""
 
 import json
+import os
 
 from .arguments import (
     add_backend_option,
@@ -92,6 +93,7 @@ def run_recommend(options):
     size = parse_size(options.size)
     out = None if options.out is None else parse_file("--out", options.out, SUFFIXES)
     exports = _parse_exports(options.exports)
+    _check_one_each({"--out": out, **{f"--export {one}": at for one, at in exports.items()}})
     progress = Progress(quiet=options.quiet)
     with progress.stage(f"loading {options.scene}"):
         scene = find_scene(options.scene, options.ground)
@@ -134,6 +136,17 @@ def run_recommend(options):
         if exported:
             print()
     return int(not found.met)
+
+
+def _check_one_each(files):
+    """Refuse options that would write one file over another."""
+    taken = {}
+    for option, path in files.items():
+        if path is None:
+            continue
+        first = taken.setdefault(os.path.realpath(path), option)
+        if first != option:
+            raise ValueError(f"{first} and {option} name one file (got {str(path)!r} twice)")
 
 
 def _parse_exports(words):

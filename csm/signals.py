@@ -263,7 +263,9 @@ def coarse_camera(camera):
 def _look(renderer, scene, camera, sun, spent):
     """Render one view coarsely and read it."""
     small, shrink = coarse_camera(camera)
-    frame = renderer.render(scene, small, sun, PROBE, outputs=PROBE_OUTPUTS)
+    # only even splits can begin at or behind an orthographic camera
+    probe = PROBE if camera.near > 0.0 else PROBE.replace(split="uniform")
+    frame = renderer.render(scene, small, sun, probe, outputs=PROBE_OUTPUTS)
     facing = frame.valid & (frame.normal @ sun.to_light.astype(np.float32) > FACING)
     judged = facing & (frame.cascade_index != NO_CASCADE)
     lit = frame.mask >= LIT
@@ -272,7 +274,7 @@ def _look(renderer, scene, camera, sun, spent):
         spent[name] = spent.get(name, 0.0) + ms
 
     def changed(**changes):
-        other = renderer.render(scene, small, sun, PROBE.replace(**changes), outputs=("mask",))
+        other = renderer.render(scene, small, sun, probe.replace(**changes), outputs=("mask",))
         for name, ms in other.timings_ms.items():
             spent[name] = spent.get(name, 0.0) + ms
         return np.count_nonzero(judged & (lit != (other.mask >= LIT))) / max(count, 1)
@@ -330,7 +332,12 @@ def _positions(camera, view_depth, rows, columns):
 
 def _edges(camera, frame, judged, lit, shrink):
     """Places of neighbouring judged pixels on different sides of 0.5."""
-    slope_y, slope_x = np.gradient(_smoothed(lit.astype(np.float64)))
+    smooth = _smoothed(lit.astype(np.float64))
+    # along a side of one pixel nothing changes, and there is nothing to take a difference of
+    slope_y, slope_x = (
+        np.gradient(smooth, axis=axis) if smooth.shape[axis] > 1 else np.zeros_like(smooth)
+        for axis in (0, 1)
+    )
     parts = []
     for axis, (one, other) in enumerate(
         (

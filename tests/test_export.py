@@ -475,6 +475,9 @@ def test_lights_of_three_js_hold_casters_and_slices(box):
             assert stands - corners.max() >= v["CSM.lightNear"] - 1e-9
         assert stands - along.min() <= v["CSM.lightFar"] + 1e-9
     assert v["CSM.lightDirection"] == pytest.approx(list(-light))
+    assert (
+        values(exported("filament"))["LightManager::Builder::direction"] == v["CSM.lightDirection"]
+    )
 
 
 # -- filters, faces, fade --------------------------------------------------------------------------
