@@ -97,7 +97,7 @@ class Engine:
     counts : tuple of int
         Of cascades.
     map_size : callable
-        Of our size: the side of a cascade's map there.
+        Of our size and the number of cascades there: the side of a cascade's map.
     fit : callable
         Of a Situation: which of our fits its windows are like.
     kernel : callable

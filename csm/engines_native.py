@@ -104,7 +104,7 @@ def _unreal_slope(at):
 UNREAL = Engine(
     title="Unreal Engine, DirectionalLightComponent (cascaded maps, not virtual ones)",
     counts=tuple(range(1, 11)),
-    map_size=lambda size: size,
+    map_size=lambda size, count: size,
     fit=sphere,
     kernel=_unreal_kernel,
     depth=lambda at: ("d16", "window"),
@@ -179,7 +179,7 @@ FILAMENT_KERNEL = 3  # texels, nearly, of ShadowType::PCF
 FILAMENT_SUN = (0.25, 20.0)  # degrees of radius
 
 
-def _filament_size(size):
+def _filament_size(size, count):
     return max(8, power_of_two(size))
 
 

@@ -118,7 +118,7 @@ def _three_side(at):
 THREE = Engine(
     title="three.js, addon CSM",
     counts=(1, 2, 3, 4, 5, 6, 7, 8),
-    map_size=power_of_two,  # LightShadow.mapSize: powers of 2
+    map_size=lambda size, count: power_of_two(size),  # LightShadow.mapSize: powers of 2
     fit=lambda at: "diameter",
     kernel=_three_kernel,
     depth=lambda at: ("d24", "scene"),
@@ -285,7 +285,7 @@ def _babylon_light_size(at):
 BABYLON = Engine(
     title="Babylon.js, CascadedShadowGenerator",
     counts=(2, 3, 4),
-    map_size=lambda size: size,
+    map_size=lambda size, count: size,
     fit=lambda at: "box" if at.settings.snap == "none" or _babylon_bounds(at) else "sphere",
     kernel=_babylon_kernel,
     depth=lambda at: ("d32f", "scene"),

@@ -248,6 +248,8 @@ def _exported(name, engine, at):
 def _without_setting(engine, at, settings):
     """What is done in one way only, and what has no counterpart; by our names."""
     told = {name for one in settings.values() for name in one.of}
+    if at.dark:
+        told.add("filter")  # "none" is what the row of shadows says
     built_in, missing = {}, {}
     for row in engine.fixed:
         if at.ours == 1 and at.count == 1 and row.of in OF_SEVERAL:
