@@ -1,6 +1,5 @@
 """The subcommand `csm recommend`: only the settings a scene calls for, and their proof."""
 
-import json
 import os
 
 from .arguments import (
@@ -12,7 +11,7 @@ from .arguments import (
     parse_size,
 )
 from .export import ENGINES
-from .formats import SUFFIXES
+from .formats import SUFFIXES, write_json
 from .progress import Progress
 from .recommendation import recommend
 from .renderer import Renderer
@@ -126,7 +125,7 @@ def run_recommend(options):
             told["verification"] = proof.to_dict()
         if exported:
             told["exports"] = {engine: one.to_dict() for engine, one in exported.items()}
-        print(json.dumps(told, indent=2))
+        print(write_json(told), end="")
     else:
         print(found)
         if proof is not None:

@@ -347,6 +347,16 @@ def test_bad_words_are_refused_before_any_work(tmp_path, monkeypatch, capsys, wo
     assert not list(tmp_path.iterdir())
 
 
+def test_what_the_command_prints_as_json_is_read(tmp_path, capsys):
+    path = tmp_path / "told.json"
+    assert cli.main([*WORDS, "--json", "--export", "unity", "--verify"]) == 0
+    path.write_text(capsys.readouterr().out)
+    assert {"verification", "exports"} <= json.loads(path.read_text()).keys()
+    read = csm.Recommendation.load(path)
+    assert read.settings == csm.ShadowSettings.from_dict(json.loads(path.read_text())["settings"])
+    assert not {"verification", "exports"} & read.to_dict().keys()
+
+
 def test_command_exports(tmp_path, capsys):
     path = tmp_path / "shadows.gd"
     assert cli.main([*WORDS, "--export", "filament", "--export", f"godot={path}"]) == 0
