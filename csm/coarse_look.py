@@ -55,7 +55,12 @@ def outline_of(points, depths, light_axes):
 
 def edges_of(camera, frame, judged, lit, shrink):
     """Places of neighbouring judged pixels on different sides of 0.5."""
-    slope_y, slope_x = np.gradient(_smoothed(lit.astype(np.float64)))
+    smooth = _smoothed(lit.astype(np.float64))
+    # along a side of one pixel nothing changes, and there is nothing to take a difference of
+    slope_y, slope_x = (
+        np.gradient(smooth, axis=axis) if smooth.shape[axis] > 1 else np.zeros_like(smooth)
+        for axis in (0, 1)
+    )
     parts = []
     for axis, (one, other) in enumerate(
         (

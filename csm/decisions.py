@@ -329,9 +329,7 @@ TABLE = (
             + " ".join(f"{100.0 * share:.0f}" for share in at.signals.cascade_shares)
             + " %"
         ),
-        flipped=lambda at: (
-            {"split": "practical"} if at.settings.split != "practical" else {"split": "sdsm"}
-        ),
+        flipped=lambda at: _other_split(at),
     ),
     Decision(
         effect="snap",
@@ -523,6 +521,13 @@ TABLE = (
         flipped=lambda at: {"warp": "lispsm"},
     ),
 )
+
+
+def _other_split(at):
+    """Turn the answer about splits; None where the camera's near allows no other scheme."""
+    if any(view.camera.near <= 0.0 for view in at.signals.views):
+        return None
+    return {"split": "practical" if at.settings.split != "practical" else "sdsm"}
 
 
 def _other_filter(at):

@@ -16,7 +16,7 @@ from .director_report import Decision, DirectorReport
 from .errors import ContextError
 from .plans import DEFAULT_OUTPUTS
 from .recommendation import checked_goal, is_exact_goal, recommend_from
-from .renderer import Renderer
+from .renderer import Renderer, Walk
 from .spaces import as_number, as_whole
 from .timing import total_ms
 
@@ -80,8 +80,9 @@ class Director:
     The recommendation is made again before a frame whose camera has moved by 5 % of the view range,
     turned by 15 degrees or changed its lens since the last look, whose sun has turned by 2 degrees,
     or, of another scene, every 30 frames. It replaces the held settings at once if those are
-    forecast to miss the goal and it does better, or if the sun has begun to move and asks for other
-    axes; otherwise only if it is better by `margin` in `patience` looks in a row. Settings that
+    forecast to miss the goal and it is not, or if the sun has begun to move and asks for other
+    axes; otherwise (and where nothing reaches the goal: it is nearer) only if it is better by
+    `margin` in `patience` looks in a row. Settings that
     miss the goal within 10 looks of their choice give way to the best that are forecast to meet it
     at both places, and `patience` counts twofold from then on: a path that goes to and fro across
     the boundary of two choices does not change them to and fro.
@@ -135,7 +136,7 @@ class Director:
         self._maps = dict.fromkeys(("draw", "keep", "add", "scroll"), 0)
         self._saved = [0, 0, 0.0]
         self._frames, self._ms, self._closed = 0, 0.0, False
-        self._own = renderer is None
+        self._own, self._walk = renderer is None, Walk()
         self._renderer = Renderer() if renderer is None else renderer
 
     def __enter__(self):
@@ -194,10 +195,11 @@ class Director:
         check_kinds(camera=camera, sun=sun, scene=self.scene if scene is None else scene)
         self.scene = self.scene if scene is None else scene
         decision = None if self._fixed else self._decide(camera, sun)
-        frame = self._renderer.render(
-            self.scene, camera, sun, self.settings, outputs=outputs, out=out, points=points,
-            point_normals=point_normals, reuse=self._reuse,
-        )  # fmt: skip
+        with self._renderer.on_walk(self._walk):
+            frame = self._renderer.render(
+                self.scene, camera, sun, self.settings, outputs=outputs, out=out, points=points,
+                point_normals=point_normals, reuse=self._reuse,
+            )  # fmt: skip
         self._record(frame, decision)
         self._sun = sun
         return frame
@@ -322,17 +324,25 @@ class Director:
     def _after_miss(self, found, held):
         """What takes the place of settings that miss the goal."""
         reason = f"those held miss the goal ({100 * held.error:.2g} %, {held.ms:.3g} ms)"
+        if not found.met:
+            return self._nearer(found, held, reason)
         soon = len(self._decisions) - self._chosen < SOON
         self._wait = min(RESTRAINT * self._wait, 10**6) if soon else self._patience
-        both = found.meeting(self.recommendation) if soon and found.met else None
-        if both is not None:
-            return both, reason
-        nearer = found.met or (
-            found.expected_error < held.error
-            if self._goal["budget_ms"] is None
-            else found.expected_ms < held.ms
-        )
-        return (found.settings, reason) if nearer else (None, f"{reason}, as does every other")
+        both = found.meeting(self.recommendation) if soon else None
+        return (found.settings if both is None else both), reason
+
+    def _nearer(self, found, held, reason):
+        """What takes the place of settings that miss the goal where every other does, too."""
+        budget = self._goal["budget_ms"]
+        late = budget is not None and held.ms > budget
+        was, now = (held.ms, found.expected_ms) if late else (held.error, found.expected_error)
+        self._streak = self._streak + 1 if now < (1.0 - self._margin) * was else 0
+        reason = f"{reason}, as does every other"
+        if self._streak >= self._wait:
+            return found.settings, f"{reason}: the new ones are nearer"
+        if self._streak:
+            reason += f"; the new ones are nearer, for {self._streak} of {self._wait} looks"
+        return None, reason
 
 
 def _gain(goal, held, found):

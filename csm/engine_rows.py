@@ -97,7 +97,7 @@ class Engine:
     counts : tuple of int
         Of cascades.
     map_size : callable
-        Of our size: the side of a cascade's map there.
+        Of our size and the number of cascades there: the side of a cascade's map.
     fit : callable
         Of a Situation: which of our fits its windows are like.
     kernel : callable
@@ -212,6 +212,11 @@ def fade_start(at):
 def fade_share(at):
     """Share of the shadow distance, from its end, over which shadows fade."""
     return 1.0 - fade_start(at) / at.far
+
+
+def from_sun(at):
+    """Unit vector along the light, away from the sun."""
+    return [0.0 - float(one) for one in at.sun.to_light]
 
 
 def faces(at):

@@ -47,7 +47,7 @@ class Situation:
             self.count = max(engine.counts)
         sizes = map_sizes(settings)
         self.our_size, self.sizes_differ = max(sizes), len(set(sizes)) > 1
-        self.size = engine.map_size(self.our_size)
+        self.size = engine.map_size(self.our_size, self.count)
         self.near, self.begin, self.far = camera.near, float(splits[0]), float(splits[-1])
         made = resampled(splits, self.count)
         self.splits = np.concatenate([[min(self.near, made[0])], made[1:]])

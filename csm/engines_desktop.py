@@ -112,7 +112,7 @@ def _godot_bias(at):
 GODOT = Engine(
     title="Godot 4, DirectionalLight3D",
     counts=(1, 2, 4),
-    map_size=power_of_two,  # the atlas is rounded up to one
+    map_size=lambda size, count: power_of_two(size),  # the atlas is rounded up to one
     fit=sphere,
     kernel=lambda at: SOFT_KERNEL if is_soft(at) else GODOT_SIDES[_godot_index(at)],
     depth=lambda at: ("d16" if at.settings.depth_format == "d16" else "d32f", "window"),
@@ -219,8 +219,9 @@ UNITY_ATLAS = (256, 4096)  # ShadowResolution
 UNITY_BIAS = 10.0  # the most of either bias
 
 
-def _unity_size(size):
-    return min(max(power_of_two(size), UNITY_ATLAS[0] // 2), UNITY_ATLAS[1] // 2)
+def _unity_size(size, count):
+    least, most = (side // (1 if count == 1 else 2) for side in UNITY_ATLAS)
+    return min(max(power_of_two(size), least), most)
 
 
 def _unity_atlas(at):

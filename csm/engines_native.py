@@ -25,6 +25,7 @@ from .engine_rows import (
     cascade_count,
     clamped,
     fade_share,
+    from_sun,
     is_hard,
     is_soft,
     map_size,
@@ -103,7 +104,7 @@ def _unreal_slope(at):
 UNREAL = Engine(
     title="Unreal Engine, DirectionalLightComponent (cascaded maps, not virtual ones)",
     counts=tuple(range(1, 11)),
-    map_size=lambda size: size,
+    map_size=lambda size, count: size,
     fit=sphere,
     kernel=_unreal_kernel,
     depth=lambda at: ("d16", "window"),
@@ -178,7 +179,7 @@ FILAMENT_KERNEL = 3  # texels, nearly, of ShadowType::PCF
 FILAMENT_SUN = (0.25, 20.0)  # degrees of radius
 
 
-def _filament_size(size):
+def _filament_size(size, count):
     return max(8, power_of_two(size))
 
 
@@ -246,6 +247,8 @@ FILAMENT = Engine(
     settings=(
         Setting("LightManager::Builder::castShadows", ("shadows",), "", FILAMENT_LIGHT,
                 lambda at: not at.dark, ".castShadows($)", 1),
+        Setting("LightManager::Builder::direction", (), "unit vector from the sun", FILAMENT_LIGHT,
+                from_sun, ".direction($)", 1),
         Setting("LightManager::Builder::sunAngularRadius", ("filter",), "degrees, 0.25 to 20",
                 FILAMENT_LIGHT, _filament_radius, ".sunAngularRadius($)", 1),
         Setting("ShadowOptions::mapSize", ("map_size",), "texels of each cascade", FILAMENT_LIGHT,

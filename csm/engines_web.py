@@ -31,6 +31,7 @@ from .engine_rows import (
     blend_share,
     cascade_count,
     faces,
+    from_sun,
     in_metres,
     is_hard,
     is_soft,
@@ -117,7 +118,7 @@ def _three_side(at):
 THREE = Engine(
     title="three.js, addon CSM",
     counts=(1, 2, 3, 4, 5, 6, 7, 8),
-    map_size=power_of_two,  # LightShadow.mapSize: powers of 2
+    map_size=lambda size, count: power_of_two(size),  # LightShadow.mapSize: powers of 2
     fit=lambda at: "diameter",
     kernel=_three_kernel,
     depth=lambda at: ("d24", "scene"),
@@ -142,7 +143,7 @@ THREE = Engine(
                 "shadowMapSize: $,", 1),
         Setting(
             "CSM.lightDirection", (), "unit vector from the sun", CSM_PAGE,
-            lambda at: [0.0 - float(one) for one in at.sun.to_light],
+            from_sun,
             "lightDirection: new THREE.Vector3(...$),", 1,
         ),
         Setting("CSM.lightNear", ("depth_range",), "m", CSM_PAGE, lambda at: THREE_NEAR,
@@ -284,7 +285,7 @@ def _babylon_light_size(at):
 BABYLON = Engine(
     title="Babylon.js, CascadedShadowGenerator",
     counts=(2, 3, 4),
-    map_size=lambda size: size,
+    map_size=lambda size, count: size,
     fit=lambda at: "box" if at.settings.snap == "none" or _babylon_bounds(at) else "sphere",
     kernel=_babylon_kernel,
     depth=lambda at: ("d32f", "scene"),

@@ -250,6 +250,8 @@ def _without_setting(engine, at, settings):
     """What is done in one way only, and what has no counterpart; by our names."""
     told = {name for one in settings.values() for name in one.of}
     built_in, missing = {}, {}
+    if at.dark and "filter" not in told:
+        built_in["filter"] = "no shadows: nothing to filter"
     for row in engine.fixed:
         if at.ours == 1 and at.count == 1 and row.of in OF_SEVERAL:
             built_in[row.of] = "one cascade: nothing to choose"

@@ -271,8 +271,10 @@ def named(where):
     """Let refusals begin with where they come from: a file, or a part of one."""
     try:
         yield
-    except (TypeError, ValueError) as error:
-        raise type(error)(f"{where}: {error}") from None
+    except TypeError as error:
+        raise TypeError(f"{where}: {error}") from None
+    except (ValueError, OverflowError) as error:  # of text or numbers that are none of ours, too
+        raise ValueError(f"{where}: {error}") from None
 
 
 def check_keys(what, values, known, required=()):

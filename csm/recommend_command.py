@@ -1,6 +1,6 @@
 """The subcommand `csm recommend`: only the settings a scene calls for, and their proof."""
 
-import json
+import os
 
 from .arguments import (
     add_backend_option,
@@ -11,7 +11,7 @@ from .arguments import (
     parse_size,
 )
 from .export import ENGINES
-from .formats import SUFFIXES
+from .formats import SUFFIXES, write_json
 from .progress import Progress
 from .recommendation import recommend
 from .renderer import Renderer
@@ -92,6 +92,7 @@ def run_recommend(options):
     size = parse_size(options.size)
     out = None if options.out is None else parse_file("--out", options.out, SUFFIXES)
     exports = _parse_exports(options.exports)
+    _check_one_each({"--out": out, **{f"--export {one}": at for one, at in exports.items()}})
     progress = Progress(quiet=options.quiet)
     with progress.stage(f"loading {options.scene}"):
         scene = find_scene(options.scene, options.ground)
@@ -124,7 +125,7 @@ def run_recommend(options):
             told["verification"] = proof.to_dict()
         if exported:
             told["exports"] = {engine: one.to_dict() for engine, one in exported.items()}
-        print(json.dumps(told, indent=2))
+        print(write_json(told), end="")
     else:
         print(found)
         if proof is not None:
@@ -134,6 +135,17 @@ def run_recommend(options):
         if exported:
             print()
     return int(not found.met)
+
+
+def _check_one_each(files):
+    """Refuse options that would write one file over another."""
+    taken = {}
+    for option, path in files.items():
+        if path is None:
+            continue
+        first = taken.setdefault(os.path.realpath(path), option)
+        if first != option:
+            raise ValueError(f"{first} and {option} name one file (got {str(path)!r} twice)")
 
 
 def _parse_exports(words):

@@ -187,6 +187,7 @@ class Recommendation(Recorded):
             )
         with ExitStack() as stack:
             renderer = renderer or stack.enter_context(Renderer())
+            stack.enter_context(renderer.aside())
             judged = self
             if not self.signals.views:  # nor does a file hold the coarse pictures
                 measured = measure_signals(renderer, self.scene, *self.path)
@@ -351,6 +352,7 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
         )
     with ExitStack() as stack:
         renderer = renderer or stack.enter_context(Renderer())
+        stack.enter_context(renderer.aside())  # nothing that was rendered before may count
         return recommend_from(renderer, scene, cameras, suns, goal)
 
 
@@ -445,6 +447,10 @@ def _obstacle(search, chosen, model, goal):
             f"map_size: texels alone leave {100.0 * aliasing:.2g} %, "
             f"{'and finer maps exceed ' + held if held != 'map_size' else 'with the largest maps'}"
         )
+    if budget is None and limit is None and not search.forecast(chosen.settings, model).met:
+        full = "everything switched on"
+        what = f"map_size: {full} is forecast to gain more than the knee allows"
+        return f"{what}, and finer maps exceed {'max_bytes' if goal['max_bytes'] else 'the limits'}"
     return None
 
 

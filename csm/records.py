@@ -28,6 +28,7 @@ KEYS = (
     *("settings", "goal", "signals", "scene", "path", "reasons"),
 )
 OPTIONAL = ("obstacle",)  # None, which TOML leaves out
+ADDED = ("verification", "exports")  # by `csm recommend --json`: not read
 GOALS = ("max_error", "budget_ms", "max_bytes")
 REASON_KEYS = tuple(field.name for field in fields(Reason))
 CAMERA_KEYS = tuple(field.name for field in fields(Camera))
@@ -114,7 +115,8 @@ def read_values(values):
     TypeError, ValueError
         If a key is missing or unknown, or a value is not allowed; the text says which.
     """
-    check_keys("a recommendation", values, KEYS, [key for key in KEYS if key not in OPTIONAL])
+    needed = [key for key in KEYS if key not in OPTIONAL]
+    check_keys("a recommendation", values, (*KEYS, *ADDED), needed)
     if values["format"] != FORMAT:
         raise ValueError(f"format must be {FORMAT!r} (got {values['format']!r})")
     settings = _within("settings", ShadowSettings.from_dict, values["settings"])

@@ -62,6 +62,15 @@ def _forget_after_fork():
 os.register_at_fork(after_in_child=_forget_after_fork)
 
 
+class Walk:
+    """What the last frame of a walk hands on to the next: see `Renderer.on_walk`."""
+
+    __slots__ = ("held",)
+
+    def __init__(self):
+        self.held = None
+
+
 class Renderer:
     """Renders scenes through OpenGL 4.5, without a window.
 
@@ -188,11 +197,25 @@ class Renderer:
 
         What its last frame before holds, its first frame after gets (see `forget`).
         """
-        held = getattr(self._walk, "held", None)
+        with self.on_walk(Walk()):
+            yield self
+
+    @contextmanager
+    def on_walk(self, walk):
+        """Context in which the calling thread's frames are steps of another walk than its own.
+
+        Parameters
+        ----------
+        walk : Walk
+            What its last frame holds; whatever is rendered outside of the context leaves it alone,
+            and the other way round.
+        """
+        own = getattr(self._walk, "held", None)
+        self._walk.held = walk.held
         try:
             yield self
         finally:
-            self._walk.held = held
+            walk.held, self._walk.held = self._walk.held, own
 
     # -- work --------------------------------------------------------------------------------------
 

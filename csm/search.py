@@ -165,7 +165,8 @@ class Search:
 
     def _enough(self, called_for):
         """Error at the knee, under the filter that is called for."""
-        full = everything_on(self.signals.views[0].sun).replace(filter=called_for)
+        first = self.signals.views[0]
+        full = everything_on(first.sun, camera=first.camera).replace(filter=called_for)
         full = self.forecaster.error(full)
         return full + max(KNEE_PIXELS, KNEE_SHARE * full)
 

@@ -283,7 +283,9 @@ def coarse_camera(camera):
 def _look(renderer, scene, camera, sun, spent):
     """Render one view coarsely and read it."""
     small, shrink = coarse_camera(camera)
-    frame = renderer.render(scene, small, sun, PROBE, outputs=PROBE_OUTPUTS)
+    # only even splits can begin at or behind an orthographic camera
+    probe = PROBE if camera.near > 0.0 else PROBE.replace(split="uniform")
+    frame = renderer.render(scene, small, sun, probe, outputs=PROBE_OUTPUTS)
     facing = frame.valid & (frame.normal @ sun.to_light.astype(np.float32) > FACING)
     judged = facing & (frame.cascade_index != NO_CASCADE)
     lit = frame.mask >= LIT
@@ -292,7 +294,7 @@ def _look(renderer, scene, camera, sun, spent):
         spent[name] = spent.get(name, 0.0) + ms
 
     def again(finer=1, **changes):
-        settings = PROBE.replace(map_size=finer * PROBE.map_size, **changes)
+        settings = probe.replace(map_size=finer * PROBE.map_size, **changes)
         other = renderer.render(scene, small, sun, settings, outputs=("mask",))
         for name, ms in other.timings_ms.items():
             spent[name] = spent.get(name, 0.0) + ms

@@ -161,7 +161,7 @@ def table_html(heads, rows):
     return f"<table><thead>{line(heads, 'th')}</thead><tbody>{body}</tbody></table>"
 
 
-def everything_on(sun, soft_size=33):
+def everything_on(sun, soft_size=33, *, camera=None):
     """Settings with all that could matter for a still switched on.
 
     Parameters
@@ -170,12 +170,16 @@ def everything_on(sun, soft_size=33):
         With a disc, shadows are soft.
     soft_size : int
         Kernel of soft shadows [texels].
+    camera : Camera, optional
+        One whose near is not positive takes even splits: no other scheme begins there.
 
     Returns
     -------
     settings : ShadowSettings
     """
     settings = ShadowSettings(cascade_count=8, map_size=2048, fit="visible", cull="exclusive")
+    if camera is not None and camera.near <= 0.0:
+        settings = settings.replace(split="uniform")
     if sun.angular_diameter_deg > 0.0:
         settings = settings.replace(filter="pcss", filter_size=soft_size)
     return settings
@@ -201,7 +205,8 @@ def verify(renderer, recommendation, *, rays_per_pixel=None, repeats=3, soft_siz
     """
     judge = _Judge(renderer, recommendation, rays_per_pixel)
     reasons = [r for r in recommendation.reasons if r.flipped is not None]
-    wanted = [everything_on(judge.views[0].sun, soft_size), recommendation.settings]
+    first = judge.views[0]
+    wanted = [everything_on(first.sun, soft_size, camera=first.camera), recommendation.settings]
     wanted += [reason.flipped for reason in reasons]
     keys = [settings.canonical() for settings in wanted]
     known = judge.measure(dict(zip(keys, wanted, strict=True)), repeats)

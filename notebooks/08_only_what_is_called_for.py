@@ -67,7 +67,7 @@ picture(axes[1], truth.mask, "ray-traced")
 # %%
 exported = found.export("godot")
 print(exported)
-print(exported.text.splitlines()[-1])
+print(exported.text)
 
 # %% [markdown]
 # ## What was measured
@@ -121,7 +121,8 @@ little = {
 }
 for name, one in little.items():
     s = one.settings
-    print(f"{name:10} {s.filter:5} {s.cascade_count} x {s.map_size}  snap {s.snap}")
+    maps = f"{s.cascade_count} x {s.map_size}  snap {s.snap}" if s.filter != "none" else "no map"
+    print(f"{name:10} {s.filter:5} {maps}")
 
 # %%
 _, ax = plt.subplots(figsize=(6, 2.6), layout="constrained")

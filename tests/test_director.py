@@ -65,6 +65,32 @@ def test_without_hysteresis_they_flicker(renderer, boundary):
     assert changes == 7
 
 
+@pytest.mark.parametrize(
+    "goal",
+    [{"max_bytes": 600_000}, {"max_error": 1e-5, "max_bytes": 600_000}],
+    ids=["knee", "error"],
+)
+def test_where_nothing_reaches_the_goal_they_do_not_flicker_either(renderer, goal):
+    scene = csm.scenes.town(5000)
+    views = [scene.cameras[name].replace(size=SIZE) for name in ("street", "oblique")]
+    found = [
+        csm.recommend(scene, [one, one], scene.suns["noon"], renderer=renderer, **goal)
+        for one in views
+    ]
+    assert not any(one.met for one in found)
+    assert found[0].settings != found[1].settings
+    held = []
+    with csm.Director(scene, renderer=renderer, **goal) as director:
+        for number in range(8):
+            director.render(views[number % 2], scene.suns["noon"], outputs=MASK)
+            held.append(director.settings)
+        assert len(director.report().decisions) == 8
+        assert len(set(held)) == 1
+        for _ in range(6):  # but where the camera stays, the nearest is taken
+            there = views[1].replace(eye=views[1].eye + director.report().frames * 0.1)
+            director.render(there, scene.suns["noon"], outputs=MASK)
+
+
 def test_settings_that_miss_the_goal_are_left_and_cheaper_ones_taken_with_patience(
     renderer, boundary
 ):
@@ -135,6 +161,43 @@ def test_director_of_fixed_settings_gives_fresh_masks_and_counts(renderers):
     assert f"{report.maps['keep']:,}" in str(report)
     assert "<table" in report._repr_html_()
     reusing.render(scene, camera, SUN, settings, outputs=MASK)  # it is not the director's to close
+
+
+@pytest.mark.parametrize(
+    "changes",
+    [
+        {"light_basis": "transported"},
+        {"fit": "visible", "split": "sdsm", "sun_step_deg": 0.5},
+        {"snap": "approximate", "fit": "box", "level_count": 32},
+    ],
+    ids=lambda changes: next(iter(changes)),
+)
+def test_what_others_render_in_between_costs_maps_and_changes_nothing(renderers, changes):
+    shared, plain = renderers
+    scene, other = small_scenes.copies(), small_scenes.soup()
+    settings = csm.ShadowSettings(map_size=64, **changes)
+    camera, sun = small_scenes.camera(0, size=SIZE), SUN
+    with csm.Director(scene, settings, renderer=shared, scroll=False) as director:
+        for number in range(8):
+            camera = step(camera, forward=0.01, turn_deg=0.05)
+            sun = csm.Sun(sun.to_light + np.array([0.01, 0.0, 0.02]))
+            frame = director.render(camera, sun, outputs=MASK)
+            fresh = plain.render(scene, camera, sun, settings, outputs=MASK)
+            assert np.array_equal(frame.mask, fresh.mask), number
+            shared.render(other, camera, sun, outputs=MASK)
+
+
+def test_the_walk_of_a_shared_renderer_is_not_the_directors(renderers):
+    shared, plain = renderers
+    scene, camera = small_scenes.copies(), small_scenes.camera(0, size=SIZE)
+    settings = csm.ShadowSettings(map_size=64, light_basis="transported")
+    with csm.Director(scene, settings, renderer=shared) as director:
+        for number in range(4):
+            sun = csm.Sun((0.35 + 0.03 * number, 0.8, 0.5 - 0.02 * number))
+            ours = shared.render(scene, camera, sun, settings, outputs=MASK)
+            fresh = plain.render(scene, camera, sun, settings, outputs=MASK)
+            assert np.array_equal(ours.mask, fresh.mask), number
+            director.render(camera, csm.Sun((-0.4, 0.8, 0.1 * number)), outputs=MASK)
 
 
 def test_what_time_is_saved_is_what_the_map_took(renderer, monkeypatch):

@@ -295,6 +295,13 @@ SIZES = {
 }  # fmt: skip
 
 
+@pytest.mark.parametrize(("size", "side"), [(4096, 4096), (2896, 4096), (512, 512), (64, 256)])
+def test_one_cascade_of_unity_has_the_whole_texture(size, side):
+    found = exported("unity", cascade_count=1, map_size=size)
+    assert values(found)["mainLightShadowmapResolution"] == side
+    assert ("map_size" in found.rounded) == (size != side)
+
+
 @engines
 @pytest.mark.parametrize("count", [2, 4])
 @pytest.mark.parametrize("size", [256, 724, 1024, 1448, 2048])
@@ -475,6 +482,9 @@ def test_lights_of_three_js_hold_casters_and_slices(box):
             assert stands - corners.max() >= v["CSM.lightNear"] - 1e-9
         assert stands - along.min() <= v["CSM.lightFar"] + 1e-9
     assert v["CSM.lightDirection"] == pytest.approx(list(-light))
+    assert (
+        values(exported("filament"))["LightManager::Builder::direction"] == v["CSM.lightDirection"]
+    )
 
 
 # -- filters, faces, fade --------------------------------------------------------------------------
@@ -513,6 +523,7 @@ def test_no_shadows_are_none(engine):
            "godot": "shadow_enabled", "unity": "Light.shadows", "unreal": "CastShadows",
            "filament": "LightManager::Builder::castShadows"}[engine]  # fmt: skip
     assert values(found)[off] in (False, "LightShadows.None")
+    assert "filter" not in found.missing
 
 
 def test_fade_begins_where_ours_does():

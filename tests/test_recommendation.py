@@ -209,6 +209,46 @@ def test_budget_buys_accuracy(renderer, box):
     assert poor.map_bytes < rich.map_bytes
 
 
+def test_knee_beyond_the_bytes_is_not_met(renderer):
+    scene = csm.scenes.town(5000)
+    where = scene, scene.cameras["street"].replace(size=(160, 90)), scene.suns["noon"]
+    wide = csm.recommend(*where, renderer=renderer)
+    assert wide.met
+    found = csm.recommend(*where, max_bytes=2**17, renderer=renderer)
+    assert not found.met
+    assert "max_bytes" in found.obstacle
+    for one in (wide, found):
+        assert one.forecast(one.settings).met == one.met
+
+
+@pytest.mark.parametrize("size", [(1, 1), (1, 50), (300, 1)])
+def test_picture_of_one_row_or_column(renderer, box, size):
+    camera = view().replace(size=size)
+    found = csm.recommend(box, camera, csm.Sun((1, 1, 0)), renderer=renderer)
+    assert found.settings.cascade_count >= 1
+
+
+def test_orthographic_camera_whose_range_begins_behind_it(renderer, box):
+    camera = box.cameras["map"].replace(size=(96, 54), near=-10.0)
+    found = csm.recommend(box, camera, csm.Sun((1, 1, 0.3)), renderer=renderer)
+    assert found.settings.split == "uniform"
+    assert on(found, "split").flipped is None
+    ahead = csm.recommend(box, camera.replace(near=1.0), csm.Sun((1, 1, 0.3)), renderer=renderer)
+    assert found.expected_error == pytest.approx(ahead.expected_error, rel=0.5)
+    proof = found.verify(renderer=renderer, repeats=1)
+    assert proof.recommended.error <= proof.everything_on.error + 5e-3
+
+
+def test_what_was_rendered_before_does_not_count(renderer, box):
+    sun = csm.Sun((1, 1, 0.3))
+    first = csm.recommend(box, view(), sun, renderer=renderer)
+    settings = csm.ShadowSettings(map_size=64, light_basis="transported")
+    before = renderer.render(box, view(), sun, settings, outputs=("mask",))
+    assert csm.recommend(box, view(), sun, renderer=renderer).to_dict() == first.to_dict()
+    after = renderer.render(box, view(), sun, settings, outputs=("mask",))
+    assert np.array_equal(before.mask, after.mask)
+
+
 def test_same_input_same_answer(renderer, box):
     one, other = (
         csm.recommend(box, view(), csm.Sun((1, 1, 0), 0.53), renderer=renderer) for _ in range(2)

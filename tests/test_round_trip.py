@@ -229,6 +229,15 @@ def test_none_and_what_is_not_finite_come_back(found, write, read):
     assert again.signals.depth_ratio == float("inf")
 
 
+@pytest.mark.parametrize("value", ['"\\ud800"', "1" + 400 * "0"], ids=["surrogate", "huge"])
+def test_values_that_no_setting_can_hold_are_refused_with_their_place(tmp_path, value):
+    path = tmp_path / "mine.json"
+    name = "split" if value.startswith('"') else "lam"
+    path.write_text(f'{{"{name}": {value}}}')
+    with pytest.raises(ValueError, match=r"mine\.json: "):
+        csm.ShadowSettings.load(path)
+
+
 def test_scene_is_not_in_a_file_and_is_given_back(tmp_path, renderer, box, found):
     path = tmp_path / "found.toml"
     found.save(path)
@@ -324,6 +333,11 @@ def test_commands_hand_settings_on(tmp_path, capsys):
         (["--export", "unity=nowhere/a.cs"], "--export unity nowhere/a.cs"),
         (["--export", "unity", "--export", "unity"], "--export unity is given twice"),
         (["--export", "unity="], "--export unity must name a file"),
+        (
+            ["--export", "unity=a.cs", "--export", "godot=./a.cs"],
+            "unity and --export godot name one",
+        ),
+        (["--out", "a.toml", "--export", "unity=a.toml"], "--out and --export unity name one file"),
     ],
 )
 def test_bad_words_are_refused_before_any_work(tmp_path, monkeypatch, capsys, words, match):
@@ -331,6 +345,16 @@ def test_bad_words_are_refused_before_any_work(tmp_path, monkeypatch, capsys, wo
     assert cli.main([*WORDS, *words]) == 2
     assert match in capsys.readouterr().err
     assert not list(tmp_path.iterdir())
+
+
+def test_what_the_command_prints_as_json_is_read(tmp_path, capsys):
+    path = tmp_path / "told.json"
+    assert cli.main([*WORDS, "--json", "--export", "unity", "--verify"]) == 0
+    path.write_text(capsys.readouterr().out)
+    assert {"verification", "exports"} <= json.loads(path.read_text()).keys()
+    read = csm.Recommendation.load(path)
+    assert read.settings == csm.ShadowSettings.from_dict(json.loads(path.read_text())["settings"])
+    assert not {"verification", "exports"} & read.to_dict().keys()
 
 
 def test_command_exports(tmp_path, capsys):
