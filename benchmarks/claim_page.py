@@ -11,8 +11,9 @@ Written by `python benchmarks/claims.py --from docs/claims_measured*.json --mark
 from what that script measured; do not edit.
 
 What articles and books on cascaded shadow maps say, measured with `csm` on scenes made by code and
-on real ones. A claim is **reproduced** if it holds under every condition it was tried under, **not
-reproduced** if it fails under every one, and else it **depends on** the condition that is named.
+on real ones. A claim is **reproduced** if it holds under every condition it was tried under; it
+**depends on** the condition that is named if it holds under some; it is **not reproduced** if it
+holds under none and fails under some, **undecided** if it differs from case to case under all.
 
 - A case is one number: mostly the error (mean absolute, against ray tracing) or the time of one
   choice over that of the other, on one view of one scene. Cases are grouped by condition.

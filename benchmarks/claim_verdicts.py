@@ -4,8 +4,9 @@ A case is one number, the *value*, with the *group* it belongs to: the condition
 measured. A rule says which values the claim states. The verdict follows from the groups:
 
 - **reproduced**: it holds in every group;
-- **not reproduced**: it fails in every group;
-- **depends on**: anything else; the condition is in which groups it holds and in which not.
+- **depends on**: it holds in some; the condition is in which groups it holds and in which not;
+- **not reproduced**: it holds in none, and fails in some or all;
+- **undecided**: it neither holds nor fails in any.
 
 In a group the mean of the values (of their logarithms, if they are ratios) has a 95 % bootstrap
 interval over the cases. The claim *holds* there if the whole interval lies within what it states,
@@ -19,7 +20,8 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
-REPRODUCED, NOT_REPRODUCED, DEPENDS = "reproduced", "not reproduced", "depends on"
+REPRODUCED, NOT_REPRODUCED = "reproduced", "not reproduced"
+DEPENDS, UNDECIDED = "depends on", "undecided"
 HOLDS, FAILS, OPEN = "holds", "fails", "open"
 LEAST_CASES = 3
 RESAMPLES = 4000
@@ -121,15 +123,14 @@ def judge(cases, rule):
     names = dict.fromkeys(case.group for case in cases)
     groups = tuple(judge_group(n, [c for c in cases if c.group == n], rule) for n in names)
     statuses = {group.status for group in groups}
-    text = {frozenset({HOLDS}): REPRODUCED, frozenset({FAILS}): NOT_REPRODUCED}.get(
-        frozenset(statuses), DEPENDS
-    )
-    return Verdict(text, groups)
+    if HOLDS in statuses:
+        return Verdict(REPRODUCED if statuses == {HOLDS} else DEPENDS, groups)
+    return Verdict(NOT_REPRODUCED if FAILS in statuses else UNDECIDED, groups)
 
 
 def condition(verdict):
-    """The condition of a "depends on", in words; "" of other verdicts."""
-    if verdict.text != DEPENDS:
+    """In which groups a claim holds and in which not; "" where it is one and the same in all."""
+    if len({group.status for group in verdict.groups}) < 2:
         return ""
     said = {HOLDS: "holds", FAILS: "fails", OPEN: "differs from case to case"}
     parts = [
