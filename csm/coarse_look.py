@@ -5,7 +5,14 @@ import numpy as np
 from .sampling import LIT
 from .spaces import transform_points
 
-__all__ = ["blockers_of", "edges_of", "gaps_of", "outline_of", "positions_of", "thin_share_of"]
+__all__ = [
+    "blockers_of",
+    "edges_of",
+    "gaps_of",
+    "outline_of",
+    "positions_of",
+    "thin_share_of",
+]
 
 EDGES = 3000  # places of edges that forecasts look at; the others count through these
 THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin

@@ -36,7 +36,6 @@ WORLD_ELEVATION_DEG = 20.7  # below it the skewed basis of the world's axes fall
 COUNTS = (1, 2, 3, 4, 6)  # of cascades, that are considered
 TAPS = (8, 16)  # in the disc of soft shadows, that are considered
 SMALLEST = 256  # a map that has no edge to hold
-LARGEST_KERNEL = 65
 
 
 @dataclass(frozen=True)
@@ -178,9 +177,9 @@ def wanted_faces(signals):
 
 
 def wanted_size(at, map_size=None):
-    """Kernel of soft shadows [texels]: the 90th percentile of the penumbra, and what it rounds."""
-    texels = at.signals.penumbra_metres / at.texel(map_size)[0]
-    return int(min(max(5, 2 * int(np.ceil(0.5 * texels)) + 3), LARGEST_KERNEL))
+    """Kernel of soft shadows [texels]: as wide as penumbrae, and no wider than maps have texels."""
+    size = at.settings.map_size if map_size is None else map_size
+    return min(at.forecaster.kernel(at.settings, size), max(1, (size - 1) // 2 * 2 - 1))
 
 
 def _quantum_16(at):

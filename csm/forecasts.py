@@ -5,12 +5,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .cascades import fit_cascades
-from .sampling import surface_steps, uv_gradients
+from .arrangements import arrange
 from .settings import map_sizes
-from .spaces import transform_points
 
-__all__ = ["CostModel", "Forecaster", "forecast_cost"]
+__all__ = ["CostModel", "Expected", "Forecaster", "forecast_cost"]
 
 # An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
 FARTHEST = 8.0
@@ -19,8 +17,10 @@ DISC = 2.0 / (3.0 * math.pi)
 # Of what hard edges miss of a penumbra, what percentage-closer soft shadows of 16 taps still miss,
 # and what those of 8 taps miss more: measured.
 SOFT_REST, SOFT_FEW = 0.3, 0.08
-# Of the automatic bias: texels of slope, and the steepest slope.
-BIAS_TEXELS, STEEPEST = 0.25, 1000.0
+# An edge cannot be softer than its shadow is wide, either: pixels at which penumbrae end.
+WIDEST = 64.0
+# Of soft shadows [texels].
+LARGEST_KERNEL = 65
 # Measured over forecast errors: of broad casters, and what thin ones add, whose shadows a quarter
 # of the picture does not resolve and a coarse map loses altogether.
 EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
@@ -31,6 +31,25 @@ WITHOUT_WINDOWS = {
     "map_size", "depth_format", "filter", "filter_size", "tap_count", "disc", "caster_faces",
     "cull",
 }  # fmt: skip
+
+
+@dataclass(frozen=True)
+class Expected:
+    """What settings are expected to get wrong; shares of the pixels that face the sun.
+
+    Attributes
+    ----------
+    error : float
+        As ``max_error`` counts it.
+    held : float
+        The same under a kernel that holds all penumbrae.
+    left_out : float
+        Of penumbrae, by a kernel that does not.
+    """
+
+    error: float
+    held: float
+    left_out: float
 
 
 class Forecaster:
@@ -45,7 +64,8 @@ class Forecaster:
     """
 
     def __init__(self, signals, scene):
-        self._signals, self._scene, self._known, self._soft = signals, scene, {}, None
+        self._signals, self._scene, self._known = signals, scene, {}
+        self._soft = self._wide = None
 
     def aliasing(self, settings, map_size=None):
         """Expected share of facing pixels on the wrong side because texels have a size.
@@ -66,13 +86,12 @@ class Forecaster:
         share : float
             0 without edges.
         """
-        area = pixels = 0.0
+        area, pixels = 0.0, self._facing()
         for number, view in enumerate(self._signals.views):
             known = self._taken(number, settings)
             if len(view.edges):
                 moved = known.moved / _size_at(settings, map_size, known.edge_cascade)
                 area += float((view.edge_lengths * np.minimum(moved, FARTHEST)).sum())
-            pixels += view.facing_count * self._signals.pixels / view.pixel_count
         factor = EDGE_FACTOR + THIN_FACTOR * self._signals.thin_share
         return factor * area / pixels if pixels else 0.0
 
@@ -89,12 +108,81 @@ class Forecaster:
         -------
         share : float
         """
+        return self.expected(settings, map_size).error
+
+    def expected(self, settings, map_size=None, filter_size=None):
+        """Expected error, and what the kernel of soft shadows has to do with it.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        map_size, filter_size : int, optional
+            Of all maps, and of the kernel, instead of those of the settings.
+
+        Returns
+        -------
+        expected : Expected
+        """
         if settings.filter == "none":
-            return float(self._signals.shadowed_share)
-        soft = self.penumbra()
+            dark = float(self._signals.shadowed_share)
+            return Expected(dark, dark, 0.0)
+        aliasing, leak = self.aliasing(settings, map_size), self.leak(settings, map_size)
+        soft, left = self.penumbra(), 0.0
+        rest = 1.0
         if settings.filter == "pcss":
-            soft *= SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
-        return math.hypot(self.aliasing(settings, map_size), soft) + self.leak(settings, map_size)
+            rest = SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
+            left = self.left_out(settings, map_size, filter_size)
+        held = math.hypot(aliasing, rest * soft) + leak
+        return Expected(math.hypot(aliasing, rest * (soft - left) + left) + leak, held, left)
+
+    def left_out(self, settings, map_size=None, filter_size=None):
+        """Mean absolute error of penumbrae that are as wide as a kernel can make them.
+
+        A kernel of k texels t makes none wider than k t. A ramp of that width lies between the step
+        and the ramp of width w, so that what it misses is what the step misses, less what a step
+        would miss of k t: ``2 (w - k t) / (3 pi)``.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        map_size : int, optional
+            Of all maps, instead of that of the settings.
+        filter_size : int, optional
+            Side of the kernel [texels], likewise.
+
+        Returns
+        -------
+        share : float
+            0 where the kernel is as wide as all penumbrae, `penumbra` where it is nothing.
+        """
+        kernel, area = filter_size or settings.filter_size, 0.0
+        for number, view in enumerate(self._signals.views):
+            if len(view.edges):
+                known, wide = self._taken(number, settings), self._penumbrae()[number]
+                reach = kernel * known.reach / _size_at(settings, map_size, known.edge_cascade)
+                area += float(view.edge_lengths @ np.maximum(wide - reach, 0.0))
+        pixels = self._facing()
+        return DISC * area / pixels if pixels else 0.0
+
+    def kernel(self, settings, map_size):
+        """Least kernel that holds the penumbrae.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        map_size : int
+            Of all maps.
+
+        Returns
+        -------
+        side : int
+            Odd, 5 to 65 texels; what leaves out a twentieth of what hard edges miss, and rounding.
+        """
+        wanted = max(
+            self._taken(number, settings).wanted for number in range(len(self._signals.views))
+        )
+        side = 2 * math.ceil(0.5 * min(wanted * map_size, LARGEST_KERNEL)) + 3
+        return int(min(max(side, 5), LARGEST_KERNEL))
 
     def leak(self, settings, map_size=None):
         """Share of facing pixels in shadow that the bias is expected to light.
@@ -131,12 +219,23 @@ class Forecaster:
         share : float
         """
         if self._soft is None:
-            area = pixels = 0.0
-            for view in self._signals.views:
-                area += float((view.edge_lengths * np.minimum(view.penumbra_widths(), 64.0)).sum())
-                pixels += view.facing_count * self._signals.pixels / view.pixel_count
+            wide, pixels = self._penumbrae(), self._facing()
+            views = self._signals.views
+            area = sum(float(v.edge_lengths @ w) for v, w in zip(views, wide, strict=True))
             self._soft = DISC * area / pixels if pixels else 0.0
         return self._soft
+
+    def _penumbrae(self):
+        """Width [pixels] of the penumbra at the edges of each view."""
+        if self._wide is None:
+            views = self._signals.views
+            self._wide = [np.minimum(view.penumbra_widths(), WIDEST) for view in views]
+        return self._wide
+
+    def _facing(self):
+        """Pixels of the full pictures that face the sun."""
+        views = self._signals.views
+        return sum(v.facing_count * self._signals.pixels / v.pixel_count for v in views)
 
     def texel_sides(self, settings, map_size=None):
         """Longer side of a texel of each cascade that receivers take (n,) [m]."""
@@ -151,66 +250,16 @@ class Forecaster:
         key = number, tuple(v for k, v in vars(settings).items() if k not in WITHOUT_WINDOWS)
         if key not in self._known:
             one = settings.replace(map_size=2048, depth_format="d32f", filter="hard")
-            self._known[key] = self._measure(self._signals.views[number], one)
+            self._known[key] = arrange(
+                self._signals.views[number], self._penumbrae()[number], one, self._scene
+            )
         return self._known[key]
-
-    def _measure(self, view, settings):
-        # windows round a sample alone would be smaller than real ones, and leave out edges
-        held = np.concatenate([view.receivers, view.edges, view.outline])
-        cascades = fit_cascades(view.camera, view.sun, settings, scene=self._scene, receivers=held)
-        windows = cascades.texel_size.max(axis=1) * np.asarray(cascades.map_size, float)
-        taken = _selected(cascades, view.camera, settings, view.receivers)
-        bias = BIAS_TEXELS * windows[taken] * np.minimum(view.gradients, STEEPEST)
-        cascade = _selected(cascades, view.camera, settings, view.edges)
-        gradients = uv_gradients(cascades.uvz_from_world[cascade], view.edges)
-        steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
-        across = np.abs(np.einsum("ea,eak->ek", view.edge_across, steps))
-        least, most = across.min(axis=1), across.max(axis=1)
-        moved = most / 4.0 + least**2 / (12.0 * np.maximum(most, 1e-12))
-        return _Arranged(moved, cascade, bias, taken, windows)
-
-
-@dataclass(frozen=True)
-class _Arranged:
-    """What windows make of a view, by maps of one texel: sizes divide it.
-
-    Attributes
-    ----------
-    moved : (e,) float64
-        How far edges are displaced on average [pixels].
-    edge_cascade, receiver_cascade : (e,), (m,) int
-        That answer for edges and receivers.
-    receiver_bias : (m,) float64
-        Along the light [m].
-    windows : (n,) float64
-        Longer side of each window [m].
-    """
-
-    moved: np.ndarray
-    edge_cascade: np.ndarray
-    receiver_bias: np.ndarray
-    receiver_cascade: np.ndarray
-    windows: np.ndarray
 
 
 def _size_at(settings, map_size, cascade):
     """Texels along the map of each point: a number where all maps have as many."""
     sizes = map_sizes(settings) if map_size is None else (map_size,)
     return float(sizes[0]) if len(set(sizes)) == 1 else np.asarray(sizes, float)[cascade]
-
-
-def _selected(cascades, camera, settings, points):
-    """Index (m,) of the cascade that answers for each point."""
-    cascade = np.full(len(points), cascades.count - 1)
-    depth = (points - camera.eye) @ -camera.backward
-    for i in reversed(range(cascades.count)):
-        if settings.select == "interval":
-            inside = depth <= cascades.splits[i + 1]
-        else:
-            uv = transform_points(cascades.uvz_from_world[i], points)[:, :2]
-            inside = (np.abs(uv - 0.5) <= 0.5).all(axis=1)
-        cascade[inside] = i
-    return cascade
 
 
 @dataclass(frozen=True)

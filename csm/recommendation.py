@@ -312,7 +312,8 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
     row of `csm.decisions.TABLE`; number, size and splits of the maps are the cheapest whose
     forecast is on the goal's side. With neither goal it is the knee: the cheapest settings to which
     everything switched on (`csm.verification.everything_on`) is forecast to add no more than 0.02 %
-    of the pixels or 2 % of the error.
+    of the pixels or 2 % of the error, kernels of soft shadows aside; these may leave out no more of
+    penumbrae than its own, or 5 %.
 
     Parameters
     ----------

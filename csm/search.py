@@ -5,6 +5,7 @@ from dataclasses import dataclass, field, replace
 from functools import cached_property
 from itertools import product
 
+from .arrangements import LEFT_OUT
 from .caster_sides import FACES_SHARE
 from .decisions import (
     COUNTS,
@@ -18,7 +19,7 @@ from .decisions import (
     wanted_format,
     wanted_size,
 )
-from .forecasts import CostModel, Forecaster, forecast_cost
+from .forecasts import CostModel, Expected, Forecaster, forecast_cost
 from .plans import map_bytes
 from .settings import ShadowSettings
 from .timing import total_ms
@@ -65,6 +66,8 @@ class Candidate:
     error, ms : float
     changes : dict
         Size, and what hangs on it.
+    expected : Expected
+        The error in its parts.
     """
 
     arranged: ShadowSettings = field(repr=False)
@@ -72,6 +75,7 @@ class Candidate:
     error: float
     ms: float
     changes: dict = field(default_factory=dict, repr=False)
+    expected: Expected = field(default=None, repr=False)
 
     @cached_property
     def settings(self):
@@ -106,7 +110,8 @@ class Search:
         """All settings that are considered, with forecasts; the rows' answers are in them."""
         if not sum(view.facing_count for view in self.signals.views):
             dark = ShadowSettings(filter="none")
-            return [Candidate(dark, SMALLEST, 0.0, forecast_cost(dark, self.signals, model))]
+            ms = forecast_cost(dark, self.signals, model)
+            return [Candidate(dark, SMALLEST, 0.0, ms, expected=Expected(0.0, 0.0, 0.0))]
         if self._found is None:
             self._found = self._forecast()
         return [
@@ -142,8 +147,9 @@ class Search:
         at = Situation(self.signals, self.forecaster, settings)
         changes = {"map_size": size, "depth_format": wanted_format(at, size)}
         if settings.filter == "pcss":
-            changes["filter_size"] = min(wanted_size(at, size), _odd_below(size))
-        return Candidate(settings, size, self.forecaster.error(settings, size), 0.0, changes)
+            changes["filter_size"] = wanted_size(at, size)
+        expected = self.forecaster.expected(settings, size, changes.get("filter_size"))
+        return Candidate(settings, size, expected.error, 0.0, changes, expected)
 
     def choose(self, model):
         """The candidate that the goal asks for."""
@@ -159,16 +165,24 @@ class Search:
             return min(affordable, key=finest)
         called_for = every[0].arranged.filter
         affordable = [c for c in affordable if c.arranged.filter == called_for]
-        enough = self._enough(called_for)
-        good = [c for c in affordable if c.error <= enough]
+        enough = self._knee(called_for)
+        good = [c for c in affordable if enough(c.expected)]
         return min(good, key=cheapest) if good else min(affordable, key=finest)
 
-    def _enough(self, called_for):
-        """Error at the knee, under the filter that is called for."""
+    def _knee(self, called_for):
+        """Whether what is expected is at the knee, under the filter that is called for: a function.
+
+        What kernels leave out of penumbrae is asked apart, and may be no more than everything on
+        leaves out itself, or what the choice of kernels allows: that everything on cuts penumbrae
+        off excuses no coarser texels.
+        """
         first = self.signals.views[0]
         full = everything_on(first.sun, camera=first.camera).replace(filter=called_for)
-        full = self.forecaster.error(full)
-        return full + max(KNEE_PIXELS, KNEE_SHARE * full)
+        full = self.forecaster.expected(full)
+        margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
+        held = full.held + margin
+        left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra()) + margin
+        return lambda expected: expected.held <= held and expected.left_out <= left_out
 
     def forecast(self, settings, model):
         """Error and cost of any settings, and whether they meet the goal.
@@ -182,13 +196,15 @@ class Search:
         -------
         forecast : Forecast
         """
-        error = float(self.forecaster.error(settings))
+        expected = self.forecaster.expected(settings)
+        error = float(expected.error)
         ms = float(forecast_cost(settings, self.signals, model))
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
+        enough = limit is None or error <= limit
         if limit is None and budget is None:
-            limit = self._enough(self.candidates(model)[0].arranged.filter)
+            enough = self._knee(self.candidates(model)[0].arranged.filter)(expected)
         met = (
-            (limit is None or error <= limit)
+            enough
             and (budget is None or ms <= budget)
             and map_bytes(settings) <= (self.goal["max_bytes"] or math.inf)
         )
@@ -293,7 +309,3 @@ def within_budget(renderer, scene, search):
         return fitting, model
     cheapest = search.choose(model)
     return replace(cheapest, ms=timed(cheapest.settings)[0]), model
-
-
-def _odd_below(size):
-    return max(1, (size - 1) // 2 * 2 - 1)

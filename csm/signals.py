@@ -13,6 +13,7 @@ import numpy as np
 from .cascades import fit_cascades
 from .caster_sides import Sides, measure_sides
 from .coarse_look import blockers_of, edges_of, gaps_of, outline_of, positions_of, thin_share_of
+from .horizons import ends_of, horizon_of
 from .sampling import LIT, NO_CASCADE, surface_steps
 from .settings import ShadowSettings
 from .spaces import frozen
@@ -27,6 +28,8 @@ DEPTH_BINS = 24
 
 #: The coarse maps: four, so that casters and receivers of each are counted.
 PROBE = ShadowSettings(map_size=512, fit="visible", snap="none", cull="exclusive")
+HORIZON = ShadowSettings(filter="none")
+HORIZON_OUTPUTS = ("valid", "view_depth", "normal")
 PROBE_OUTPUTS = ("mask", "valid", "view_depth", "normal", "cascade_index", "shadow_maps")
 
 
@@ -44,7 +47,8 @@ class View:
     receivers : (m, 3) float64
         World points of surfaces that face the sun, at most some thousands.
     outline : (k, 3) float64
-        The outermost of all such points, across the light and in slices of depth.
+        The outermost of all such points, across the light and in slices of depth; planes are
+        followed between the coarse pixels where they end.
     receiver_depths : (m,) float64
         View depths of the receivers [m].
     slopes : (m,) float64
@@ -286,18 +290,21 @@ def _look(renderer, scene, camera, sun, spent):
     # only even splits can begin at or behind an orthographic camera
     probe = PROBE if camera.near > 0.0 else PROBE.replace(split="uniform")
     frame = renderer.render(scene, small, sun, probe, outputs=PROBE_OUTPUTS)
-    facing = frame.valid & (frame.normal @ sun.to_light.astype(np.float32) > FACING)
+    facing = _facing(frame, sun)
     judged = facing & (frame.cascade_index != NO_CASCADE)
     lit = frame.mask >= LIT
     count = int(np.count_nonzero(facing))
-    for name, ms in frame.timings_ms.items():
-        spent[name] = spent.get(name, 0.0) + ms
+
+    def spend(timed):
+        for name, ms in timed.timings_ms.items():
+            spent[name] = spent.get(name, 0.0) + ms
+
+    spend(frame)
 
     def again(finer=1, **changes):
         settings = probe.replace(map_size=finer * PROBE.map_size, **changes)
         other = renderer.render(scene, small, sun, settings, outputs=("mask",))
-        for name, ms in other.timings_ms.items():
-            spent[name] = spent.get(name, 0.0) + ms
+        spend(other)
         return other.mask >= LIT
 
     # where nothing is in shadow no picture says which sides of casters are needed
@@ -306,7 +313,14 @@ def _look(renderer, scene, camera, sun, spent):
 
     rows, columns = np.nonzero(facing)
     everywhere = positions_of(small, frame.view_depth, rows, columns)
-    outline = outline_of(everywhere, frame.view_depth[rows, columns], light_gradients(sun))
+    parts = [everywhere, ends_of(camera, small, frame, facing, scene.bounds)]
+    part = horizon_of(camera, small, frame, facing)
+    if part is not None:
+        fine = renderer.render(scene, part, sun, HORIZON, outputs=HORIZON_OUTPUTS)
+        spend(fine)
+        parts.append(positions_of(part, fine.view_depth, *np.nonzero(_facing(fine, sun))))
+    held = np.concatenate(parts)
+    outline = outline_of(held, (held - camera.eye) @ -camera.backward, light_gradients(sun))
     stride = max(1, -(-len(rows) // RECEIVERS))
     rows, columns = rows[::stride], columns[::stride]
     receivers = positions_of(small, frame.view_depth, rows, columns)
@@ -343,6 +357,11 @@ def _look(renderer, scene, camera, sun, spent):
             float(np.count_nonzero(index == i) / max(count, 1)) for i in range(PROBE.cascade_count)
         ),
     ), sides
+
+
+def _facing(frame, sun):
+    """Pixels whose surface the sun sees."""
+    return frame.valid & (frame.normal @ sun.to_light.astype(np.float32) > FACING)
 
 
 def _summary(scene, views, cameras, suns, sides, spent):

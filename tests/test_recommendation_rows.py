@@ -206,7 +206,7 @@ def test_taps_are_as_many_as_the_error_asks_for(renderer, box):
     sun = csm.Sun((1, 1, 0), 4.0)
     signals = measure_signals(renderer, box, [view()], [sun])
     forecaster = Forecaster(signals, box)
-    soft = csm.ShadowSettings(filter="pcss", fit="visible", snap="none")
+    soft = csm.ShadowSettings(filter="pcss", filter_size=65, fit="visible", snap="none")
     few, many = (soft.replace(tap_count=taps) for taps in TAPS)
     assert forecaster.error(few) > forecaster.error(many)
     assert forecast_cost(few, signals) < forecast_cost(many, signals)

@@ -1,0 +1,109 @@
+"""What windows of cascades make of a coarse view, whatever the size of their maps."""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .cascades import fit_cascades
+from .sampling import surface_steps, uv_gradients
+from .spaces import transform_points
+
+__all__ = ["LEFT_OUT", "Arranged", "arrange"]
+
+# Of the automatic bias: texels of slope, and the steepest slope.
+BIAS_TEXELS, STEEPEST = 0.25, 1000.0
+# Of what hard edges miss of penumbrae, the share that a kernel may leave out: a sixth of what taps
+# miss (forecasts.SOFT_REST). Wider kernels thin the taps of narrow penumbrae.
+LEFT_OUT = 0.05
+
+
+@dataclass(frozen=True)
+class Arranged:
+    """What windows make of a view, by maps of one texel: sizes divide it.
+
+    Attributes
+    ----------
+    moved : (e,) float64
+        How far edges are displaced on average [pixels].
+    reach : (e,) float64
+        Across edges, of a disc as wide as the map [pixels].
+    edge_cascade, receiver_cascade : (e,), (m,) int
+        That answer for edges and receivers.
+    receiver_bias : (m,) float64
+        Along the light [m].
+    windows : (n,) float64
+        Longer side of each window [m].
+    wanted : float
+        Least part of a map that a kernel must be wide.
+    """
+
+    moved: np.ndarray
+    reach: np.ndarray
+    edge_cascade: np.ndarray
+    receiver_bias: np.ndarray
+    receiver_cascade: np.ndarray
+    windows: np.ndarray
+    wanted: float
+
+
+def arrange(view, wide, settings, scene):
+    """Fit windows to a view, and read what they make of its edges and receivers.
+
+    Parameters
+    ----------
+    view : View
+    wide : (e,) float64
+        Width of the penumbra at its edges [pixels].
+    settings : ShadowSettings
+    scene : Scene
+
+    Returns
+    -------
+    arranged : Arranged
+    """
+    # windows round a sample alone would be smaller than real ones, and leave out edges
+    held = np.concatenate([view.receivers, view.edges, view.outline])
+    cascades = fit_cascades(view.camera, view.sun, settings, scene=scene, receivers=held)
+    windows = cascades.texel_size.max(axis=1) * np.asarray(cascades.map_size, float)
+    taken = _selected(cascades, view.camera, settings, view.receivers)
+    bias = BIAS_TEXELS * windows[taken] * np.minimum(view.gradients, STEEPEST)
+    cascade = _selected(cascades, view.camera, settings, view.edges)
+    gradients = uv_gradients(cascades.uvz_from_world[cascade], view.edges)
+    steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
+    across = np.abs(np.einsum("ea,eak->ek", view.edge_across, steps))
+    reach = np.linalg.norm(across, axis=1)  # of a disc one map wide: an ellipse in the picture
+    least, most = across.min(axis=1), across.max(axis=1)
+    moved = most / 4.0 + least**2 / (12.0 * np.maximum(most, 1e-12))
+    wanted = _narrowest(reach, wide, view.edge_lengths)
+    return Arranged(moved, reach, cascade, bias, taken, windows, wanted)
+
+
+def _narrowest(reach, wide, lengths):
+    """Least part of a map that leaves out no more of penumbrae than `LEFT_OUT`."""
+    allowed = LEFT_OUT * float(lengths @ wide)
+    if not allowed > 0.0:
+        return 0.0
+    # what a kernel of part q leaves out falls with q, along straight lines between the edges' own
+    reach = np.maximum(reach, 1e-12)
+    parts = wide / reach
+    order = np.argsort(-parts)
+    parts, gain = parts[order], (lengths * reach)[order]
+    slope = np.cumsum(gain)
+    left = np.cumsum(gain * parts) - slope * np.append(parts[1:], 0.0)  # down at the next edge
+    at = int(np.argmax(left >= allowed))
+    below = float(np.append(parts[1:], 0.0)[at])
+    return below + (float(left[at]) - allowed) / float(slope[at])
+
+
+def _selected(cascades, camera, settings, points):
+    """Index (m,) of the cascade that answers for each point."""
+    cascade = np.full(len(points), cascades.count - 1)
+    depth = (points - camera.eye) @ -camera.backward
+    for i in reversed(range(cascades.count)):
+        if settings.select == "interval":
+            inside = depth <= cascades.splits[i + 1]
+        else:
+            uv = transform_points(cascades.uvz_from_world[i], points)[:, :2]
+            inside = (np.abs(uv - 0.5) <= 0.5).all(axis=1)
+        cascade[inside] = i
+    return cascade

@@ -1,0 +1,199 @@
+"""What csm.recommend reads from coarse pictures: windows up to the horizon, kernels."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import csm
+from csm import shapes
+from csm.coarse_look import positions_of
+from csm.forecasts import Forecaster
+from csm.horizons import ends_of, horizon_of
+from csm.search import KNEE_PIXELS, KNEE_SHARE
+from csm.signals import coarse_camera, measure_signals
+from csm.tracing import FACING
+from csm.verification import everything_on
+
+SIZE = (640, 360)
+SUN = csm.Sun((0.4, 1, 0.3))
+OUTPUTS = ("valid", "view_depth", "normal")
+MASK = ("valid", "mask", "normal")
+
+
+def plain(half):
+    return csm.Scene([shapes.mesh("ground", shapes.ground(half))])
+
+
+def look(renderer, scene, camera):
+    """Depths and normals of a picture, and which of its pixels face the sun."""
+    frame = renderer.render(scene, camera, SUN, csm.ShadowSettings(filter="none"), outputs=OUTPUTS)
+    return frame, frame.valid & (frame.normal @ SUN.to_light.astype(np.float32) > FACING)
+
+
+def low(up=(0, 1, 0), eye=(0, 1.2, 0)):
+    """A camera just above the ground that sees the horizon."""
+    return csm.Camera.look_at(eye, (1.0, 1.15, -9.0), up=up, fov_y_deg=45, far=9000.0, size=SIZE)
+
+
+# -- planes between coarse pixels ------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (1, 0, 0.1), (-1, 0, 0)])
+def test_planes_end_where_the_full_picture_has_them(renderer, up):
+    """Every point is a pixel of the full picture, and none of the farthest is left out."""
+    scene, camera = plain(800.0), low(up)
+    small, shrink = coarse_camera(camera)
+    fine, seen = look(renderer, scene, camera)
+    coarse, facing = look(renderer, scene, small)
+    ends = ends_of(camera, small, coarse, facing, scene.bounds)
+    assert np.abs(ends[:, 1]).max() < 0.02  # on the ground; depths come in single precision
+    depths = (ends - camera.eye) @ -camera.backward
+    expected = float(fine.view_depth[seen].max())
+    assert float(coarse.view_depth[facing].max()) < 0.8 * expected  # the coarse picture ends before
+    assert depths.max() == pytest.approx(expected, rel=0.01)
+    assert shrink > 2.0
+
+
+@pytest.mark.parametrize("up", [(0, 1, 0), (0, -1, 0), (1, 0, 0.1), (-1, 0, 0)])
+def test_the_part_at_the_horizon_is_one_of_the_full_picture(renderer, up):
+    scene, camera = plain(4000.0), low(up)
+    small, _ = coarse_camera(camera)
+    fine, seen = look(renderer, scene, camera)
+    coarse, facing = look(renderer, scene, small)
+    part = horizon_of(camera, small, coarse, facing)
+    assert part.size[0] * part.size[1] <= facing.size
+    strip, there = look(renderer, scene, part)
+    points = positions_of(part, strip.view_depth, *np.nonzero(there))
+    # its pixels are pixels of the full picture, the farthest among them
+    x, y = camera.pixel_plane()
+    for axis, own in zip((x, y), part.pixel_plane(), strict=True):
+        nearest = np.abs(own[:, None] - axis).min(axis=1)
+        assert nearest.max() < 1e-9
+    depths = (points - camera.eye) @ -camera.backward
+    assert depths.max() == pytest.approx(float(fine.view_depth[seen].max()), rel=1e-4)
+
+
+def test_no_horizon_no_part(renderer):
+    scene = csm.scenes.plane_and_box()
+    above = csm.Camera.look_at((6, 9, 8), (0, 0, 0), fov_y_deg=30, far=100, size=SIZE)
+    small, _ = coarse_camera(above)
+    coarse, facing = look(renderer, scene, small)
+    assert facing.any()
+    assert horizon_of(above, small, coarse, facing) is None
+
+
+@pytest.mark.parametrize(
+    ("camera", "sun", "changes"),
+    [
+        ("driver", "evening", {"cascade_count": 1}),
+        ("driver", "evening", {"cascade_count": 2, "split": "sdsm"}),
+        ("driver", "side", {"cascade_count": 1}),
+    ],
+)
+def test_windows_of_a_long_road_are_those_of_frames(renderer, camera, sun, changes):
+    """Trees on the horizon, lower than a coarse pixel, are receivers and hold windows open."""
+    scene = csm.scenes.long_road()
+    camera, sun = scene.cameras[camera].replace(size=SIZE), scene.suns[sun]
+    settings = csm.ShadowSettings(map_size=512, fit="visible", snap="none", **changes)
+    frame = renderer.render(scene, camera, sun, settings, outputs=("mask",))
+    expected = Forecaster(measure_signals(renderer, scene, [camera], [sun]), scene)
+    sides = expected.texel_sides(settings)
+    assert sides == pytest.approx(frame.cascades.texel_size.max(axis=1), rel=0.25)
+
+
+# -- kernels ---------------------------------------------------------------------------------------
+
+
+@pytest.fixture
+def floating(renderer):
+    """A square that floats 2 m above the ground, seen from above; every edge has one penumbra."""
+    corners = [[-0.5, 2, -0.5], [-0.5, 2, 0.5], [0.5, 2, 0.5], [0.5, 2, -0.5]]
+    scene = csm.Scene.merge(plain(6.0), csm.Scene.from_arrays(corners, [[0, 1, 2], [0, 2, 3]]))
+    camera = csm.Camera.look_at((-3, 9, 0), (-1.5, 0, 0), fov_y_deg=35, far=60, size=SIZE)
+    sun = csm.Sun((1, 2, 0), 6.0)
+    width = 2.0 * np.tan(np.radians(3.0)) * np.sqrt(5.0)  # across the light [m]
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    seen = signals.views[0]  # coarse maps tell the distance to some per cent; here it is known
+    known = np.full(len(seen.edges), np.sqrt(5.0))
+    view = dataclasses.replace(seen, blocker_distances=known)
+    return scene, sun, width, dataclasses.replace(signals, views=(view,))
+
+
+def missed(width, kernel):
+    """Mean absolute difference of two disc's ramps across an edge, by brute force [m]."""
+    x = np.linspace(-width, width, 200001)
+
+    def ramp(side):
+        t = np.clip(2.0 * x / max(side, 1e-12), -1.0, 1.0)
+        return 0.5 + (t * np.sqrt(1.0 - t * t) + np.arcsin(t)) / np.pi
+
+    return np.abs(ramp(width) - ramp(min(kernel, width))).mean() * 2.0 * width
+
+
+@pytest.mark.parametrize("part", [0.2, 0.5, 0.8, 1.5])
+def test_what_a_kernel_leaves_out_of_penumbrae(floating, part):
+    """As much as two ramps of covered discs differ by, one as wide as the kernel's texels."""
+    scene, _, width, signals = floating
+    forecaster = Forecaster(signals, scene)
+    settings = csm.ShadowSettings(cascade_count=1, fit="sphere", filter="pcss", filter_size=9)
+    # a sphere's texels are square
+    size = round(9 * 1e4 * forecaster.texel_sides(settings, 10000)[0] / (part * width))
+    kernel = 9 * forecaster.texel_sides(settings, size)[0]
+    assert kernel == pytest.approx(part * width, rel=0.02)
+    expected = missed(width, kernel) / missed(width, 0.0)
+    told = forecaster.left_out(settings, size) / forecaster.penumbra()
+    assert told == pytest.approx(expected, abs=0.02)  # of whole sizes of maps
+    whole = forecaster.expected(settings, size)
+    assert (whole.error > whole.held) == (whole.left_out > 0.0) == (part < 1.0)
+    half = forecaster.expected(settings, size, 5)
+    assert half.held == whole.held
+    assert half.left_out > whole.left_out
+
+
+@pytest.mark.parametrize("size", [256, 512, 1024])
+def test_kernels_hold_penumbrae_and_not_much_more(floating, size):
+    scene, _, width, signals = floating
+    forecaster = Forecaster(signals, scene)
+    settings = csm.ShadowSettings(cascade_count=1, fit="sphere", filter="pcss", map_size=size)
+    wanted = width / forecaster.texel_sides(settings)[0]
+    kernel = forecaster.kernel(settings, size)
+    assert kernel % 2 == 1
+    assert 0.9 * wanted <= kernel <= 1.1 * wanted + 5.0  # 2 to 5 of rounding
+    assert forecaster.left_out(settings, size, kernel) <= 0.05 * forecaster.penumbra()
+
+
+def test_a_kernel_that_cuts_penumbrae_off_is_as_wrong_as_forecast(renderer, floating):
+    """Measured: what two kernels differ by in the picture is what forecasts say."""
+    scene, sun, width, signals = floating
+    forecaster, camera = Forecaster(signals, scene), signals.views[0].camera
+    settings = csm.ShadowSettings(
+        cascade_count=1, fit="sphere", snap="none", filter="pcss", tap_count=64, disc="vogel"
+    )
+    size = round(1e4 * forecaster.texel_sides(settings, 10000)[0] / (width / 33.0))
+    masks = [
+        renderer.render(
+            scene, camera, sun, settings.replace(map_size=size, filter_size=side), outputs=MASK
+        )
+        for side in (17, 45)
+    ]
+    facing = masks[0].valid & (masks[0].normal @ sun.to_light.astype(np.float32) > FACING)
+    differ = np.abs(masks[0].mask - masks[1].mask)[facing].mean()
+    assert differ == pytest.approx(forecaster.left_out(settings, size, 17), rel=0.2)
+
+
+def test_a_kernel_of_everything_on_excuses_no_coarser_texels(renderer):
+    """The knee: texels as good as everything on's, and kernels that leave out no more than its."""
+    scene = csm.scenes.town(8000)
+    camera, sun = scene.cameras["street"].replace(size=SIZE), scene.suns["evening"]
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
+    forecaster = Forecaster(found.signals, scene)
+    full, ours = (forecaster.expected(s) for s in (everything_on(sun), found.settings))
+    margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
+    assert full.left_out > margin  # its kernel is too narrow here
+    assert ours.held <= full.held + margin
+    assert ours.left_out <= max(full.left_out, 0.05 * forecaster.penumbra()) + margin
+    assert found.met
+    assert found.forecast(found.settings).met
+    coarser = found.settings.replace(map_size=found.settings.map_size // 2)
+    assert not found.forecast(coarser).met
