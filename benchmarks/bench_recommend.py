@@ -156,7 +156,7 @@ def judge(renderer, scene, camera, sun):
                 "ms": row.ms_least,
                 "why": row.why,
             }
-            for row in proof.decisions
+            for row in (*proof.decisions, *proof.unturned)
         ],
     }
 
@@ -227,7 +227,7 @@ def said(case, row):
     """A line about a case."""
     if "failed" in row:
         return f"{case}: failed, {row['failed']}"
-    refuted = [one["effect"] for one in row.get("rows", []) if not one["confirmed"]]
+    refuted = [one["effect"] for one in row.get("rows", []) if one["confirmed"] is False]
     return (
         f"{case}: error {100 * row['error']:.3f} of {100 * row['full_error']:.3f} %, "
         f"time {row['ms']:.0f} of {row['full_ms']:.0f} ms, {row['took_s']:.1f} s"

@@ -36,6 +36,11 @@ def worth(line):
     return 0 if "failed" in line else 2 if line["kind"] == "full" else 1
 
 
+def turned(line):
+    """Decisions that were turned round; of the others of a line there is nothing to turn."""
+    return [row for row in line.get("rows", []) if row["confirmed"] is not None]
+
+
 def is_near(line):
     """Whether the error is within the goal of everything on."""
     full = line["full_error"]
@@ -71,7 +76,7 @@ def cases_table(lines):
         "|---|---|---|---|---|---|---|",
     ]
     for case, line in sorted(lines.items()):
-        rows = line.get("rows")
+        rows = turned(line)
         held = f"{sum(row['confirmed'] for row in rows)}/{len(rows)}" if rows else ""
         out.append(
             f"| {case} | {what(line)} | {100 * line['error']:.3f} | "
@@ -83,7 +88,7 @@ def cases_table(lines):
 
 def goals_table(lines):
     """What was to be reached, and was."""
-    rows = [row for line in lines.values() for row in line.get("rows", [])]
+    rows = [row for line in lines.values() for row in turned(line)]
     ratios = [line["ms"] / line["full_ms"] for line in lines.values()]
     spent = np.array([line["analysis_ms"] / line["frame_ms"] for line in lines.values()])
     out = [
@@ -116,10 +121,17 @@ def effects_table(lines):
     for line in lines.values():
         for row in line.get("rows", []):
             by_effect.setdefault(row["effect"], []).append(row)
-    out = ["| effect | taken | confirmed | strictly |", "|---|---|---|---|"]
+    out = ["| effect | taken | turned round | confirmed | strictly |", "|---|---|---|---|---|"]
     for effect, rows in by_effect.items():
-        counts = [sum(row[key] for row in rows) for key in ("taken", "confirmed", "strict")]
-        out.append(f"| {effect} | " + " | ".join(f"{n} of {len(rows)}" for n in counts) + " |")
+        judged = [row for row in rows if row["confirmed"] is not None]
+        taken, held, strict = (
+            sum(row[key] for row in some)
+            for some, key in ((rows, "taken"), (judged, "confirmed"), (judged, "strict"))
+        )
+        out.append(
+            f"| {effect} | {taken} of {len(rows)} | {len(judged)} of {len(rows)} | "
+            f"{held} of {len(judged)} | {strict} of {len(judged)} |"
+        )
     return out if by_effect else ["No decision was turned round."]
 
 
@@ -128,7 +140,7 @@ def refuted_list(lines):
     by_effect = {}
     for case, line in sorted(lines.items()):
         for row in line.get("rows", []):
-            if not row["confirmed"]:
+            if row["confirmed"] is False:
                 by_effect.setdefault(row["effect"], []).append(f"{case} ({row['why']})")
     return [f"- `{effect}`: {'; '.join(cases)}" for effect, cases in by_effect.items()] or ["None."]
 

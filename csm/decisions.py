@@ -91,7 +91,9 @@ class Reason:
     cost : str
         What the effect costs, or saves.
     flipped : ShadowSettings or None
-        The settings with this answer turned round.
+        The settings with this answer turned round; None where there is nothing to turn, because
+        the effect means nothing beside the others (snapping of turned windows, blending of one
+        cascade): every other answer would draw the same.
     saves : bool
         Taken to save time or memory, not to lower the error.
     """
@@ -147,6 +149,9 @@ class Decision:
         reason : Reason
         """
         changes = self.flipped(at)
+        flipped = None if changes is None else at.settings.replace(**changes)
+        if flipped is not None and flipped.canonical() == at.settings.canonical():
+            flipped = None  # the same would be drawn: no other answer
         setting = "filter" if self.effect == "shadows" else self.effect
         return Reason(
             effect=self.effect,
@@ -156,7 +161,7 @@ class Decision:
             threshold=self.threshold,
             source=self.source,
             cost=self.cost,
-            flipped=None if changes is None else at.settings.replace(**changes),
+            flipped=flipped,
             saves=bool(self.saves(at)),
         )
 
@@ -300,7 +305,11 @@ TABLE = (
         measured=lambda at: (
             f"{_percent(at.gain(fit='sphere', turned=False))} less error than spheres"
         ),
-        flipped=lambda at: {"fit": "sphere", "turned": False},
+        flipped=lambda at: (
+            {"fit": "sphere", "turned": False}
+            if at.settings.fit == "visible"
+            else {"fit": "visible"}
+        ),
     ),
     Decision(
         effect="turned",
@@ -368,7 +377,11 @@ TABLE = (
             if _several(at)
             else "one map: nothing to select"
         ),
-        flipped=lambda at: {"select": "interval" if at.settings.select == "map" else "map"},
+        flipped=lambda at: (
+            {"select": "interval" if at.settings.select == "map" else "map"}
+            if _several(at)
+            else None
+        ),
         saves=lambda at: at.settings.cull == "exclusive" and at.gain(select="interval") < GAIN,
     ),
     Decision(
@@ -523,7 +536,13 @@ TABLE = (
 
 
 def _other_split(at):
-    """Turn the answer about splits; None where the camera's near allows no other scheme."""
+    """Turn the answer about splits.
+
+    None where the camera's near allows no other scheme, and of one window round what is seen,
+    which any scheme leaves where it is.
+    """
+    if not _several(at) and at.settings.fit == "visible":
+        return None
     if any(view.camera.near <= 0.0 for view in at.signals.views):
         return None
     return {"split": "practical" if at.settings.split != "practical" else "sdsm"}

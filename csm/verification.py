@@ -18,6 +18,7 @@ SHARE = 0.01  # of the error: a change below it is none
 FLOOR = 1e-5  # of the judged pixels: two of a million-pixel picture that change with anything
 SLACK = 0.05  # of milliseconds, which no two runs agree on better
 FLICKER_FRAMES, FLICKER_POINTS = 6, 4000
+NOTHING = "nothing to turn"
 OUTPUTS = ("mask", "valid", "cascade_index")
 
 
@@ -44,7 +45,8 @@ class Row:
     maps_ms : float
         Least of the maps' passes alone.
     confirmed : bool or None
-        None for the first two.
+        None for the first two, and for an effect of which there is nothing to turn: the numbers
+        are then those of the recommendation.
     strict : bool or None
         As `confirmed`, but what was left out may not even make the picture worse by more than 1 %.
     why : str
@@ -72,7 +74,7 @@ class Verification:
     Attributes
     ----------
     rows : tuple of Row
-        Everything on, the recommendation, and one a decision.
+        Everything on, the recommendation, and one a reason.
     """
 
     rows: tuple[Row, ...]
@@ -90,11 +92,16 @@ class Verification:
     @property
     def decisions(self):
         """Rows of the decisions turned round."""
-        return self.rows[2:]
+        return tuple(row for row in self.rows[2:] if row.confirmed is not None)
+
+    @property
+    def unturned(self):
+        """Rows of the decisions of which there is nothing to turn: they prove nothing."""
+        return tuple(row for row in self.rows[2:] if row.confirmed is None)
 
     @property
     def confirmed_share(self):
-        """Share of the decisions that are confirmed, NaN without any."""
+        """Share of the decisions turned round that are confirmed, NaN without any."""
         known = [row.confirmed for row in self.decisions]
         return sum(known) / len(known) if known else float("nan")
 
@@ -125,6 +132,8 @@ _HEADS = ("rendered", "", "error", "flicker", "ms", "MB", "verdict")
 
 def _cells(row):
     verdict = "" if row.confirmed is None else ("confirmed" if row.confirmed else "refuted")
+    if row.taken is not None and row.confirmed is None:  # the numbers are not its own
+        return (row.name, "was on" if row.taken else "was off", "", "", "", "", row.why)
     return (
         row.name if row.taken is None else f"{row.name} turned",
         "" if row.taken is None else ("was on" if row.taken else "was off"),
@@ -202,12 +211,13 @@ def verify(renderer, recommendation, *, rays_per_pixel=None, repeats=3, soft_siz
     Returns
     -------
     verification : Verification
+        What would draw the same turned round is not judged: `Verification.unturned`.
     """
     judge = _Judge(renderer, recommendation, rays_per_pixel)
-    reasons = [r for r in recommendation.reasons if r.flipped is not None]
+    reasons, ours = recommendation.reasons, recommendation.settings
     first = judge.views[0]
-    wanted = [everything_on(first.sun, soft_size, camera=first.camera), recommendation.settings]
-    wanted += [reason.flipped for reason in reasons]
+    wanted = [everything_on(first.sun, soft_size, camera=first.camera), ours]
+    wanted += [ours if reason.flipped is None else reason.flipped for reason in reasons]
     keys = [settings.canonical() for settings in wanted]
     known = judge.measure(dict(zip(keys, wanted, strict=True)), repeats)
     rows = [
@@ -218,7 +228,9 @@ def verify(renderer, recommendation, *, rays_per_pixel=None, repeats=3, soft_siz
     ]
     for reason, settings, key in zip(reasons, wanted[2:], keys[2:], strict=True):
         row = Row(reason.effect, reason.taken, settings, **known[key])
-        confirmed, strict, why = _verdict(reason, rows[1], row, judge.moves)
+        confirmed, strict, why = None, None, NOTHING
+        if key != keys[1]:  # the same settings, differently said, prove nothing
+            confirmed, strict, why = _verdict(reason, rows[1], row, judge.moves)
         rows.append(Row(**{**vars(row), "confirmed": confirmed, "strict": strict, "why": why}))
     return Verification(tuple(rows))
 

@@ -9,7 +9,7 @@ import pytest
 
 import csm
 from csm import cli, shapes
-from csm.decisions import TABLE
+from csm.decisions import TABLE, Situation
 from csm.forecasts import DISC, Forecaster
 from csm.plans import map_bytes
 from csm.recommendation import Reasons
@@ -311,7 +311,56 @@ def test_reasons_say_what_was_measured(renderer, box):
     restored = json.loads(json.dumps(found.to_dict()))
     assert csm.ShadowSettings(**restored["settings"]) == found.settings
     for reason in found.reasons:  # a decision turned round is another decision
-        assert reason.flipped != found.settings
+        if reason.flipped is not None:
+            assert reason.flipped.canonical() != found.settings.canonical()
+    absent = {reason.effect for reason in found.reasons if reason.flipped is None}
+    several = found.settings.cascade_count > 1
+    assert "tap_count" in absent
+    assert ("blend" in absent) == ("select" in absent) == (not several)
+
+
+@pytest.mark.parametrize(
+    ("changes", "nothing"),
+    [
+        ({"turned": True, "snap": "none"}, {"snap", "light_basis", "tap_count"}),
+        ({"select": "interval"}, {"cull", "tap_count"}),
+        ({"cascade_count": 1}, {"blend", "cull", "select", "split", "tap_count"}),
+        ({"cascade_count": 1, "fit": "sphere"}, {"blend", "cull", "select", "tap_count", "turned"}),
+    ],
+)
+def test_what_would_draw_the_same_is_not_turned(renderer, box, changes, nothing):
+    signals = measure_signals(renderer, box, [view()], [csm.Sun((1, 1, 0))])
+    settings = csm.ShadowSettings(**{"fit": "visible", "map_size": 256, **changes})
+    at = Situation(signals, Forecaster(signals, box), settings)
+    reasons = [row.reason(at) for row in TABLE]
+    assert {one.effect for one in reasons if one.flipped is None} == nothing
+
+
+@pytest.mark.parametrize("changes", [{"select": "interval"}, {"split": "sdsm"}])
+def test_one_map_is_neither_selected_nor_split(renderer, box, changes):
+    settings = csm.ShadowSettings(cascade_count=1, fit="visible", map_size=128, snap="none")
+    masks = [
+        renderer.render(box, view(), csm.Sun((1, 1, 0)), one, outputs=("mask",)).mask
+        for one in (settings, settings.replace(**changes))
+    ]
+    assert np.array_equal(*masks)
+    assert masks[0].min() < 0.5
+
+
+def test_verification_does_not_count_what_it_could_not_turn(renderer, box):
+    found = csm.recommend(box, view(), csm.Sun((1, 1, 0)), renderer=renderer)
+    same = found.settings.replace(tap_count=5)  # of a hard filter: the same settings, said anew
+    assert same != found.settings
+    shadows, taps = on(found, "shadows"), on(found, "tap_count")
+    untold = dataclasses.replace(taps, flipped=same)
+    found = dataclasses.replace(found, reasons=Reasons([shadows, taps, untold]))
+    proof = found.verify(renderer=renderer, repeats=1)
+    assert [row.name for row in proof.decisions] == ["shadows"]
+    assert [row.confirmed for row in proof.unturned] == [None, None]
+    assert all(row.error == proof.recommended.error for row in proof.unturned)
+    assert proof.confirmed_share == 1.0
+    assert str(proof).count("nothing to turn") == 2
+    assert [row["confirmed"] for row in proof.to_dict()["rows"][2:]] == [True, None, None]
 
 
 @pytest.mark.slow
@@ -323,7 +372,7 @@ def test_verification_turns_every_decision_round(renderer, box):
     assert proof.recommended.settings == found.settings
     turned = [reason.effect for reason in found.reasons if reason.flipped is not None]
     assert [row.name for row in proof.decisions] == turned
-    assert set(turned) == {row.effect for row in TABLE} - {"tap_count"}  # no disc, no taps
+    assert {row.name for row in proof.unturned} == {row.effect for row in TABLE} - set(turned)
     by_name = {row.name: row for row in proof.decisions}
     truth = csm.truth(box, view(), sun)
     unshadowed = 1.0 - truth.mask[truth.facing].mean()
@@ -336,7 +385,7 @@ def test_verification_turns_every_decision_round(renderer, box):
     assert by_name["warp"].settings.warp == "lispsm"
     assert proof.confirmed_share == np.mean([row.confirmed for row in proof.decisions])
     assert json.loads(json.dumps(proof.to_dict()))["rows"][1]["error"] == proof.recommended.error
-    assert len(str(proof).splitlines()) == len(turned) + 3
+    assert len(str(proof).splitlines()) == len(found.reasons) + 3
 
 
 def test_verification_refutes_a_wrong_decision(renderer, box):
