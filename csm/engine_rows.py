@@ -17,6 +17,8 @@ BIAS = (
     "receiver_plane",
 )
 FILTER = ("filter", "filter_size", "filter_weights")
+LEAST_SIZE = 4  # of a map that has a texel within the border that its windows leave
+COMMON_SIZE = 4096  # of textures that browsers have nearly everywhere
 
 
 @dataclass(frozen=True)
@@ -56,6 +58,8 @@ class Setting:
         A line of the snippet, ``$`` being the value.
     place : int
         Which part of the snippet it goes to.
+    limits : (float, float) or None
+        Least and most that the engine takes; what is beyond is held to them, and told.
     """
 
     name: str
@@ -65,6 +69,7 @@ class Setting:
     value: Callable
     code: str
     place: int = 0
+    limits: tuple[float, float] | None = None
 
 
 @dataclass(frozen=True)
@@ -106,6 +111,10 @@ class Engine:
         Of a Situation: which of our depth formats and ranges its maps are like, for the bias.
     settings : tuple of Setting
     fixed : tuple of Fixed
+    off : Setting
+        What switches the light's shadows off: all that is written where there are none.
+    off_about : str
+        A comment before that line: what its names stand for.
     template : str
         Of the snippet; ``@0``, ``@1`` … stand for the lines of the settings.
     comment : str
@@ -125,6 +134,8 @@ class Engine:
     depth: Callable
     settings: tuple[Setting, ...]
     fixed: tuple[Fixed, ...]
+    off: Setting
+    off_about: str
     template: str
     comment: str = "//"
     true: str = "true"
@@ -152,6 +163,15 @@ def map_size(at, scale=1):
     if at.sizes_differ:
         text += "; one size for all cascades"
     return Near(scale * at.size, text, "map_size")
+
+
+def browser_map_size(at):
+    """Side of a cascade's map in a browser, whose devices differ in what they can have."""
+    kept = map_size(at)
+    if at.size <= COMMON_SIZE:
+        return kept
+    note = f"not every device has textures of more than {COMMON_SIZE} texels"
+    return Near(at.size, f"{kept.note}; {note}" if isinstance(kept, Near) else note, "map_size")
 
 
 def shadow_distance(at):
@@ -194,7 +214,7 @@ def is_soft(at):
 
 def is_hard(at):
     """Whether nothing is filtered."""
-    return at.settings.filter in ("hard", "none")
+    return at.settings.filter == "hard"
 
 
 def quality(at, sides, values):
@@ -217,6 +237,18 @@ def fade_share(at):
 def from_sun(at):
     """Unit vector along the light, away from the sun."""
     return [0.0 - float(one) for one in at.sun.to_light]
+
+
+def from_sun_mirrored(at):
+    """The same in left-handed axes with y up: x mirrored, as importers of glTF do."""
+    x, y, z = from_sun(at)
+    return [0.0 - x, y, z]
+
+
+def from_sun_z_up(at):
+    """The same in left-handed axes with z up: y and z change places, as importers of glTF do."""
+    x, y, z = from_sun(at)
+    return [x, z, y]
 
 
 def faces(at):
@@ -268,12 +300,17 @@ NO_FADE = Fixed("fade_width", (0.0,), "shadows end at the distance at once")
 SNAPPED = Fixed("snap", ("exact",), "windows of fixed size move by whole texels")
 
 
-def clamped(value, low, high, what, of):
-    """Value held to a range, with a note if it had to be."""
-    kept = min(max(value, low), high)
-    if kept == value:
-        return value
-    return Near(kept, f"{what}: {value:.4g} is held to {low:g} to {high:g}", of)
+def held(value, limits, what):
+    """Value, or list of them, held to the limits of an engine; and a note if it had to be."""
+    if limits is None:
+        return value, None
+    low, high = limits
+    if isinstance(value, list):
+        kept = [min(max(one, low), high) for one in value]
+        shown = ", ".join(f"{one:.4g}" for one in value)
+    else:
+        kept, shown = min(max(value, low), high), f"{value:.4g}"
+    return kept, None if kept == value else f"{what}: {shown} is held to {low:g} to {high:g}"
 
 
 def with_constant(at, texels):

@@ -31,8 +31,6 @@ class Situation:
         Texels along our largest map, and along a cascade's there.
     sizes_differ : bool
         Whether our maps differ.
-    dark : bool
-        No shadows at all.
     our_texels : tuple of float
         Longer side of a texel of each of our cascades [m], if known.
     """
@@ -40,7 +38,6 @@ class Situation:
     def __init__(self, engine, settings, camera, sun, scene, splits, texels=()):
         self.settings, self.camera, self.sun, self._scene = settings, camera, sun, scene
         self._engine, self.our_texels = engine, texels
-        self.dark = settings.filter == "none"
         self.ours = len(splits) - 1
         self.count = min(engine.counts, key=lambda n: (n < self.ours, abs(n - self.ours)))
         if self.ours > max(engine.counts):
@@ -101,8 +98,6 @@ class Situation:
     @cached_property
     def _bias(self):
         """Constant part (count,) [m], and texels of bias per tangent of a plane's angle."""
-        if self.dark:
-            return np.zeros(self.count), 0.0
         kernel = self._engine.kernel(self)
         probe = ShadowSettings(
             filter="hard" if kernel == 1 else "pcf",
@@ -120,14 +115,27 @@ class Situation:
             slope, normal = ours[0]["slope_m"], ours[0]["normal_offset_m"]
             if self.settings.receiver_plane:  # which no engine has: the plane's reach instead
                 slope += by_plane[0]["needed_slope_m"]
+        constant = np.maximum(constant, 0.0)  # `negative_bias` tells
+        slope, normal = max(float(slope), 0.0), max(float(normal), 0.0)
         texel = float(self.texels[0])
         # |gx| + |gy| is at most sqrt(2) times the tangent; an offset along the normal by sin t
         # texels is worth tan t along the light
-        return np.array(constant), (np.sqrt(2.0) * slope + normal) / texel
+        return constant, (np.sqrt(2.0) * slope + normal) / texel
 
     def _manual(self, probe):
         names = ("constant_bias_texels", "slope_bias", "normal_offset_texels", "bias_side")
         return probe.replace(**{name: getattr(self.settings, name) for name in names})
+
+    @property
+    def negative_bias(self):
+        """Say which biases by hand are negative, which no engine takes; None without one."""
+        names = ("constant_bias_texels", "slope_bias", "normal_offset_texels")
+        if self.settings.bias != "manual":
+            return None
+        found = [
+            f"{n} {getattr(self.settings, n):g}" for n in names if getattr(self.settings, n) < 0.0
+        ]
+        return f"negative, held to 0: {', '.join(found)}" if found else None
 
     @property
     def constant_m(self):

@@ -22,10 +22,11 @@ from .engine_rows import (
     Near,
     Setting,
     cascade_count,
-    clamped,
     faces,
     fade_share,
     fade_start,
+    from_sun,
+    from_sun_mirrored,
     is_hard,
     is_soft,
     map_size,
@@ -47,6 +48,7 @@ SQRT2 = 2.0**0.5
 
 GODOT_LIGHT = "https://docs.godotengine.org/en/stable/classes/class_directionallight3d.html"
 GODOT_BASE = "https://docs.godotengine.org/en/stable/classes/class_light3d.html"
+GODOT_NODE = "https://docs.godotengine.org/en/stable/classes/class_node3d.html"
 GODOT_PROJECT = "https://docs.godotengine.org/en/stable/classes/class_projectsettings.html"
 GODOT_SERVER = "https://docs.godotengine.org/en/stable/classes/class_renderingserver.html"
 GODOT_MODES = {1: "SHADOW_ORTHOGONAL", 2: "SHADOW_PARALLEL_2_SPLITS", 4: "SHADOW_PARALLEL_4_SPLITS"}
@@ -54,6 +56,20 @@ GODOT_SIDES = (2, 3, 5, 7, 9, 13)  # texels, nearly, of SHADOW_QUALITY_HARD to _
 GODOT_QUALITIES = ("HARD", "SOFT_VERY_LOW", "SOFT_LOW", "SOFT_MEDIUM", "SOFT_HIGH", "SOFT_ULTRA")
 GODOT_PANCAKE = 20.0  # m, the engine's default
 GODOT_BIAS = 100.0  # of shadow_bias in a metre, in the first cascade
+GODOT_ATLAS = (256, 16384)
+GODOT_MOST = 10.0  # of either bias
+GODOT_SLIDER = 8192.0  # m, where the editor's slider of the distance ends; numbers go on
+
+
+def _godot_size(size, count):
+    least, most = (side // (1 if count == 1 else 2) for side in GODOT_ATLAS)
+    return min(max(power_of_two(size), least), most)  # the atlas is rounded up to a power
+
+
+def _godot_distance(at):
+    if at.far <= GODOT_SLIDER:
+        return at.far
+    return Near(at.far, f"beyond the editor's slider, which ends at {GODOT_SLIDER:g} m", RANGE[0])
 
 
 def _godot_split(number):
@@ -87,7 +103,7 @@ def _godot_quality(at):
     name = f"RenderingServer.SHADOW_QUALITY_{GODOT_QUALITIES[_godot_index(at)]}"
     if at.settings.filter == "hard":
         return Near(name, "hard becomes one bilinear compare", "filter")
-    if at.settings.filter in ("none", "pcf", "pcss"):
+    if at.settings.filter in ("pcf", "pcss"):
         return name
     return Near(name, not_theirs(at, "percentage-closer filtering"), "filter")
 
@@ -98,7 +114,7 @@ def _godot_normal_texels(at):
 
 
 def _godot_bias(at):
-    texels = _godot_normal_texels(at)
+    texels = min(_godot_normal_texels(at), GODOT_MOST)
     constant = with_constant(
         at,
         least_constant(
@@ -112,16 +128,19 @@ def _godot_bias(at):
 GODOT = Engine(
     title="Godot 4, DirectionalLight3D",
     counts=(1, 2, 4),
-    map_size=lambda size, count: power_of_two(size),  # the atlas is rounded up to one
+    map_size=_godot_size,
     fit=sphere,
     kernel=lambda at: SOFT_KERNEL if is_soft(at) else GODOT_SIDES[_godot_index(at)],
     depth=lambda at: ("d16" if at.settings.depth_format == "d16" else "d32f", "window"),
     settings=(
-        Setting("shadow_enabled", ("shadows",), "", GODOT_BASE, lambda at: not at.dark,
+        Setting("shadow_enabled", ("shadows",), "", GODOT_BASE, lambda at: True,
                 "light.shadow_enabled = $"),
+        Setting("global_transform.basis", (), "unit vector from the sun, y up, right-handed",
+                GODOT_NODE, from_sun,
+                "light.global_transform.basis = Basis(Quaternion(Vector3.FORWARD, Vector3$))"),
         Setting("directional_shadow_mode", ("cascade_count",), "", GODOT_LIGHT, _godot_mode,
                 "light.directional_shadow_mode = $"),
-        Setting("directional_shadow_max_distance", RANGE, "m", GODOT_LIGHT, shadow_distance,
+        Setting("directional_shadow_max_distance", RANGE, "m", GODOT_LIGHT, _godot_distance,
                 "light.directional_shadow_max_distance = $"),
         *(
             Setting(f"directional_shadow_split_{n + 1}", SPLITS,
@@ -149,7 +168,7 @@ GODOT = Engine(
                 '"rendering/lights_and_shadows/directional_shadow/soft_shadow_filter_quality", $)',
                 1),
         Setting("light_angular_distance", ("filter",), "degrees", GODOT_BASE, sun_disc,
-                "light.light_angular_distance = $"),
+                "light.light_angular_distance = $", limits=(0.0, 90.0)),
         Setting("shadow_blur", ("filter",), "", GODOT_BASE, lambda at: 1.0,
                 "light.shadow_blur = $"),
         Setting(
@@ -170,9 +189,10 @@ GODOT = Engine(
             "light.directional_shadow_pancake_size = $",
         ),
         Setting("shadow_bias", BIAS, "hundredths of a metre in the first split, growing with the "
-                "others", GODOT_BASE, _godot_bias, "light.shadow_bias = $"),
+                "others", GODOT_BASE, _godot_bias, "light.shadow_bias = $",
+                limits=(0.0, GODOT_MOST)),
         Setting("shadow_normal_bias", BIAS, "texels", GODOT_BASE, _godot_normal_texels,
-                "light.shadow_normal_bias = $"),
+                "light.shadow_normal_bias = $", limits=(0.0, GODOT_MOST)),
         Setting(
             "shadow_reverse_cull_face", ("caster_faces",), "", GODOT_BASE,
             lambda at: faces(at) == "back" or (
@@ -188,8 +208,12 @@ GODOT = Engine(
         Fixed("fit", ("sphere",), "the sphere round the slice"),
         Fixed("storage", ("atlas",), "tiles of one atlas"),
     ),
+    off=Setting("shadow_enabled", ("shadows", "filter"), "", GODOT_BASE, lambda at: False,
+                "light.shadow_enabled = $"),
+    off_about="light: your DirectionalLight3D",
     template="""\
-# light: your DirectionalLight3D; project settings are read at start, hence the two calls
+# light: your DirectionalLight3D, which shines along its -z; y is up, axes are right-handed, as
+# ours; project settings are read at start, hence the two calls
 @1
 RenderingServer.directional_shadow_atlas_set_size(
 \tProjectSettings.get_setting("rendering/lights_and_shadows/directional_shadow/size"),
@@ -199,6 +223,7 @@ RenderingServer.directional_soft_shadow_filter_set_quality(ProjectSettings.get_s
 @0
 """,
     comment="#",
+    brackets=("(", ")"),
 )  # fmt: skip
 
 # -- Unity ----------------------------------------------------------------------------------------
@@ -245,8 +270,6 @@ def _unity_softness(at):
 
 
 def _unity_shadows(at):
-    if at.dark:
-        return "LightShadows.None"
     if is_hard(at):
         return Near("LightShadows.Hard", "hard becomes one bilinear compare", "filter")
     return "LightShadows.Soft"
@@ -272,16 +295,15 @@ def _unity_normal_texels(at):
 
 
 def _unity_normal(at):
-    value = _unity_normal_texels(at) / _unity_scale(at)
-    return clamped(value, 0.0, UNITY_BIAS, "normal bias", "bias")
+    return _unity_normal_texels(at) / _unity_scale(at)
 
 
 def _unity_depth(at):
-    texels = _unity_normal_texels(at)
+    texels = min(_unity_normal_texels(at), UNITY_BIAS * _unity_scale(at))
     constant = with_constant(
         at, least_constant(at.normal_texels, lambda t: texels * (1.0 / np.cos(t) - 1.0))
     )
-    return clamped(constant / _unity_scale(at), 0.0, UNITY_BIAS, "depth bias", "bias")
+    return constant / _unity_scale(at)
 
 
 UNITY = Engine(
@@ -294,6 +316,10 @@ UNITY = Engine(
     settings=(
         Setting("Light.shadows", ("shadows", "filter"), "", UNITY_LIGHT, _unity_shadows,
                 "sun.shadows = $;"),
+        Setting("Transform.rotation", (), "unit vector from the sun, y up, left-handed",
+                "https://docs.unity3d.com/ScriptReference/Quaternion.LookRotation.html",
+                from_sun_mirrored,
+                "sun.transform.rotation = Quaternion.LookRotation(new Vector3$);"),
         Setting("shadowDistance", RANGE, "m", UNITY_API, shadow_distance,
                 'asset.FindProperty("m_ShadowDistance").floatValue = $;', 1),
         Setting("shadowCascadeCount", ("cascade_count",), "", UNITY_API, cascade_count,
@@ -316,9 +342,11 @@ UNITY = Engine(
         Setting("softShadowQuality", FILTER, "", UNITY_ASSET, _unity_softness,
                 'asset.FindProperty("m_SoftShadowQuality").intValue = (int)$;', 1),
         Setting("shadowDepthBias", BIAS, "texels, times the soft kernel's radius", UNITY_API,
-                _unity_depth, 'asset.FindProperty("m_ShadowDepthBias").floatValue = $;', 1),
+                _unity_depth, 'asset.FindProperty("m_ShadowDepthBias").floatValue = $;', 1,
+                (0.0, UNITY_BIAS)),
         Setting("shadowNormalBias", BIAS, "texels, times the soft kernel's radius", UNITY_API,
-                _unity_normal, 'asset.FindProperty("m_ShadowNormalBias").floatValue = $;', 1),
+                _unity_normal, 'asset.FindProperty("m_ShadowNormalBias").floatValue = $;', 1,
+                (0.0, UNITY_BIAS)),
     ),
     fixed=(
         NEVER_TURNED, ORTHONORMAL, NO_WARP, CULLED, SNAPPED, DEPTH_WINDOW,
@@ -330,9 +358,13 @@ UNITY = Engine(
         Fixed("caster_faces", ("front",), "each material's Render Face and each renderer's "
               "shadowCastingMode decide; by default front faces cast"),
     ),
+    off=Setting("Light.shadows", ("shadows", "filter"), "", UNITY_LIGHT,
+                lambda at: "LightShadows.None", "sun.shadows = $;"),
+    off_about="sun: your directional Light; using UnityEngine",
     template="""\
 // in an Editor script: using UnityEditor; using UnityEngine; using UnityEngine.Rendering;
 // using UnityEngine.Rendering.Universal; sun: your directional Light
+// y is up, axes are left-handed: x is mirrored, as by importers of glTF and FBX
 @0
 var asset = new SerializedObject(GraphicsSettings.currentRenderPipeline);
 @1

@@ -8,6 +8,7 @@ from .engine_rows import (
     DEPTH_WINDOW,
     FILTER,
     INTERVAL,
+    LEAST_SIZE,
     NEVER_TURNED,
     NO_FADE,
     NO_WARP,
@@ -23,9 +24,9 @@ from .engine_rows import (
     Setting,
     blend_share,
     cascade_count,
-    clamped,
     fade_share,
     from_sun,
+    from_sun_z_up,
     is_hard,
     is_soft,
     map_size,
@@ -49,6 +50,7 @@ UNREAL_BASE = f"{_UNREAL}API/Runtime/Engine/Components/ULightComponent"
 UNREAL_VARIABLES = f"{_UNREAL}unreal-engine-console-variables-reference"
 UNREAL_DEPTH, UNREAL_SLOPE = 10.0, 3.0  # r.Shadow.CSMDepthBias, r.Shadow.CSMSlopeScaleDepthBias
 UNREAL_TEXELS = 0.5 * UNREAL_DEPTH  # of bias that ShadowBias 1 makes: radius over resolution
+UNREAL_MAPS = (LEAST_SIZE, 16384)  # 4 to the hardware's limit, by the variable's own help
 UNREAL_SIDES = (1, 2, 3, 5)  # texels, nearly, of r.ShadowQuality 1, 2, 3, 5
 UNREAL_QUALITIES = (1, 2, 3, 5)
 
@@ -63,8 +65,6 @@ def _unreal_exponent(at):
 
 
 def _unreal_quality(at):
-    if at.dark:
-        return 0
     if is_hard(at):
         return 1
     index, value = quality(at, UNREAL_SIDES, UNREAL_QUALITIES)
@@ -89,7 +89,7 @@ def _unreal_wanted(at):
 
 
 def _unreal_bias(at):
-    return clamped(_unreal_wanted(at) / UNREAL_TEXELS, 0.0, 1.0, "ShadowBias", "bias")
+    return _unreal_wanted(at) / UNREAL_TEXELS
 
 
 def _unreal_slope(at):
@@ -104,14 +104,17 @@ def _unreal_slope(at):
 UNREAL = Engine(
     title="Unreal Engine, DirectionalLightComponent (cascaded maps, not virtual ones)",
     counts=tuple(range(1, 11)),
-    map_size=lambda size, count: size,
+    map_size=lambda size, count: min(max(size, UNREAL_MAPS[0]), UNREAL_MAPS[1]),
     fit=sphere,
     kernel=_unreal_kernel,
     depth=lambda at: ("d16", "window"),
     settings=(
         Setting("CastShadows", ("shadows",), "",
                 f"{_UNREAL}API/Runtime/Engine/Components/ULightComponentBase",
-                lambda at: not at.dark, "Light->SetCastShadows($);"),
+                lambda at: True, "Light->SetCastShadows($);"),
+        Setting("SetWorldRotation", (), "unit vector from the sun, z up, left-handed",
+                f"{_UNREAL}API/Runtime/Engine/Components/USceneComponent/SetWorldRotation",
+                from_sun_z_up, "Light->SetWorldRotation(FVector$.Rotation());"),
         Setting("DynamicShadowCascades", ("cascade_count",), "", UNREAL_LIGHT, cascade_count,
                 "Light->SetDynamicShadowCascades($);"),
         Setting("DynamicShadowDistanceMovableLight", RANGE, "cm", UNREAL_LIGHT,
@@ -129,9 +132,9 @@ UNREAL = Engine(
                 lambda at: sun_disc(at) if is_soft(at) else None,
                 "Light->SetLightSourceAngle($);"),
         Setting("ShadowBias", BIAS, "0 to 1: 5 texels", UNREAL_BASE, _unreal_bias,
-                "Light->SetShadowBias($);"),
+                "Light->SetShadowBias($);", limits=(0.0, 1.0)),
         Setting("ShadowSlopeBias", BIAS, "0 to 1: thrice ShadowBias times the slope", UNREAL_BASE,
-                _unreal_slope, "Light->SetShadowSlopeBias($);"),
+                _unreal_slope, "Light->SetShadowSlopeBias($);", limits=(0.0, 1.0)),
         Setting("ShadowCascadeBiasDistribution", ("bias",), "1: in texels of each cascade",
                 UNREAL_LIGHT, lambda at: 1.0, "Light->ShadowCascadeBiasDistribution = $;"),
         Setting("r.Shadow.Virtual.Enable", ("shadows",), "", UNREAL_VARIABLES, lambda at: 0,
@@ -157,8 +160,13 @@ UNREAL = Engine(
         Fixed("caster_faces", ("front",), "front faces, unless a component has "
               "bCastShadowAsTwoSided"),
     ),
+    off=Setting("CastShadows", ("shadows", "filter"), "",
+                f"{_UNREAL}API/Runtime/Engine/Components/ULightComponentBase", lambda at: False,
+                "Light->SetCastShadows($);"),
+    off_about="Light: your UDirectionalLightComponent",
     template="""\
-// Light: your UDirectionalLightComponent, movable
+// Light: your UDirectionalLightComponent, movable, which shines along its x
+// z is up, axes are left-handed: our y and z change places, as by the importer of glTF
 @0
 auto Set = [](const TCHAR* Name, float Value)
 {
@@ -176,17 +184,18 @@ _FILAMENT = "https://github.com/google/filament/blob/main/filament/include/filam
 FILAMENT_LIGHT = f"{_FILAMENT}LightManager.h"
 FILAMENT_VIEW = f"{_FILAMENT}Options.h"
 FILAMENT_KERNEL = 3  # texels, nearly, of ShadowType::PCF
-FILAMENT_SUN = (0.25, 20.0)  # degrees of radius
+# What LightManager.cpp holds its numbers to: texels, metres, texels, degrees of radius.
+FILAMENT_MAPS = (8, 2048)
+FILAMENT_CONSTANT, FILAMENT_NORMAL, FILAMENT_SUN = (0.0, 2.0), (0.0, 3.0), (0.25, 20.0)
+FILAMENT_BLUR = (0.0, 125.0)
 
 
 def _filament_size(size, count):
-    return max(8, power_of_two(size))
+    return min(max(power_of_two(size), FILAMENT_MAPS[0]), FILAMENT_MAPS[1])
 
 
 def _filament_type(at):
     name = at.settings.filter
-    if name == "none":
-        return None
     if name == "pcss":
         return Near(
             "filament::ShadowType::PCSS",
@@ -223,10 +232,7 @@ def _filament_blur(at):
 
 
 def _filament_radius(at):
-    diameter = at.sun.angular_diameter_deg
-    if not is_soft(at):
-        return None
-    return clamped(0.5 * diameter, *FILAMENT_SUN, "the sun's radius [degrees]", "filter")
+    return 0.5 * at.sun.angular_diameter_deg if is_soft(at) else None
 
 
 def _filament_constant(at):
@@ -246,11 +252,11 @@ FILAMENT = Engine(
     depth=lambda at: ("d16", "window"),
     settings=(
         Setting("LightManager::Builder::castShadows", ("shadows",), "", FILAMENT_LIGHT,
-                lambda at: not at.dark, ".castShadows($)", 1),
+                lambda at: True, ".castShadows($)", 1),
         Setting("LightManager::Builder::direction", (), "unit vector from the sun", FILAMENT_LIGHT,
                 from_sun, ".direction($)", 1),
         Setting("LightManager::Builder::sunAngularRadius", ("filter",), "degrees, 0.25 to 20",
-                FILAMENT_LIGHT, _filament_radius, ".sunAngularRadius($)", 1),
+                FILAMENT_LIGHT, _filament_radius, ".sunAngularRadius($)", 1, FILAMENT_SUN),
         Setting("ShadowOptions::mapSize", ("map_size",), "texels of each cascade", FILAMENT_LIGHT,
                 map_size, "options.mapSize = $;"),
         Setting("ShadowOptions::shadowCascades", ("cascade_count",), "", FILAMENT_LIGHT,
@@ -277,11 +283,11 @@ FILAMENT = Engine(
             "options.lispsm = $;",
         ),
         Setting("ShadowOptions::constantBias", BIAS, "m", FILAMENT_LIGHT, _filament_constant,
-                "options.constantBias = $;"),
+                "options.constantBias = $;", limits=FILAMENT_CONSTANT),
         Setting("ShadowOptions::normalBias", BIAS, "texels", FILAMENT_LIGHT,
-                lambda at: at.normal_texels, "options.normalBias = $;"),
+                lambda at: at.normal_texels, "options.normalBias = $;", limits=FILAMENT_NORMAL),
         Setting("ShadowOptions::vsm.blurWidth", ("filter", "filter_size"), "texels, up to 125",
-                FILAMENT_LIGHT, _filament_blur, "options.vsm.blurWidth = $;"),
+                FILAMENT_LIGHT, _filament_blur, "options.vsm.blurWidth = $;", limits=FILAMENT_BLUR),
         Setting("View::setShadowType", FILTER, "", FILAMENT_VIEW, _filament_type,
                 "view->setShadowType($);", 2),
     ),
@@ -293,8 +299,12 @@ FILAMENT = Engine(
         Fixed("depth_format", (), "the engine chooses the format of its maps"),
         Fixed("caster_faces", (), "each material's culling decides"),
     ),
+    off=Setting("LightManager::setShadowCaster", ("shadows", "filter"), "", FILAMENT_LIGHT,
+                lambda at: False, "engine->getLightManager().setShadowCaster("
+                "engine->getLightManager().getInstance(sun), $);"),
+    off_about="engine, sun: yours",
     template="""\
-// engine, view, sun: yours
+// engine, view, sun: yours; y is up, axes are right-handed, as ours
 filament::LightManager::ShadowOptions options;
 @0
 filament::LightManager::Builder(filament::LightManager::Type::SUN)

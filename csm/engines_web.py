@@ -15,6 +15,7 @@ from .engine_rows import (
     CULLED,
     FILTER,
     INTERVAL,
+    LEAST_SIZE,
     NEVER_TURNED,
     NO_FADE,
     NO_WARP,
@@ -29,13 +30,14 @@ from .engine_rows import (
     Near,
     Setting,
     blend_share,
+    browser_map_size,
     cascade_count,
     faces,
     from_sun,
+    from_sun_mirrored,
     in_metres,
     is_hard,
     is_soft,
-    map_size,
     not_theirs,
     quality,
     shadow_distance,
@@ -66,8 +68,6 @@ def _three_breaks(at):
 
 def _three_type(at):
     name = at.settings.filter
-    if name == "none":
-        return None
     if name == "hard":
         return "THREE.BasicShadowMap"
     if name in VARIANCE:
@@ -118,14 +118,15 @@ def _three_side(at):
 THREE = Engine(
     title="three.js, addon CSM",
     counts=(1, 2, 3, 4, 5, 6, 7, 8),
-    map_size=lambda size, count: power_of_two(size),  # LightShadow.mapSize: powers of 2
+    # LightShadow.mapSize: powers of 2
+    map_size=lambda size, count: max(power_of_two(size), LEAST_SIZE),
     fit=lambda at: "diameter",
     kernel=_three_kernel,
     depth=lambda at: ("d24", "scene"),
     settings=(
         Setting(
             "WebGLRenderer.shadowMap.enabled", ("shadows",), "", THREE_RENDERER,
-            lambda at: not at.dark, "renderer.shadowMap.enabled = $;",
+            lambda at: True, "renderer.shadowMap.enabled = $;",
         ),
         Setting(
             "WebGLRenderer.shadowMap.type", FILTER, "", THREE_RENDERER,
@@ -139,7 +140,7 @@ THREE = Engine(
             _three_breaks,
             "customSplitsCallback: (count, near, far, breaks) => breaks.push(...$),", 1,
         ),
-        Setting("CSM.shadowMapSize", ("map_size",), "texels", CSM_PAGE, map_size,
+        Setting("CSM.shadowMapSize", ("map_size",), "texels", CSM_PAGE, browser_map_size,
                 "shadowMapSize: $,", 1),
         Setting(
             "CSM.lightDirection", (), "unit vector from the sun", CSM_PAGE,
@@ -186,11 +187,15 @@ THREE = Engine(
         Fixed("storage", ("separate",), "a light and a map for each cascade"),
         Fixed("depth_format", (), "the renderer chooses the format of its maps"),
     ),
+    off=Setting("DirectionalLight.castShadow", ("shadows", "filter"), "",
+                "https://threejs.org/docs/pages/DirectionalLight.html", lambda at: False,
+                "light.castShadow = $;"),
+    off_about="light: your THREE.DirectionalLight, instead of those of the addon CSM",
     template="""\
 import * as THREE from 'three';
 import { CSM } from 'three/addons/csm/CSM.js';
 
-// renderer, scene, camera: yours
+// renderer, scene, camera: yours; y is up, axes are right-handed, as ours
 @0
 const csm = new CSM({
   camera,
@@ -207,6 +212,7 @@ csm.updateFrustums();
 
 BABYLON_CSM = "https://doc.babylonjs.com/features/featuresDeepDive/lights/shadows_csm"
 BABYLON_SHADOWS = "https://doc.babylonjs.com/features/featuresDeepDive/lights/shadows"
+BABYLON_LIGHT = "https://doc.babylonjs.com/typedoc/classes/BABYLON.DirectionalLight"
 BABYLON_API = "https://doc.babylonjs.com/typedoc/classes/BABYLON.CascadedShadowGenerator"
 BABYLON_SIDES = (2, 3, 5)  # texels along the kernels of QUALITY_LOW, MEDIUM, HIGH
 
@@ -285,15 +291,18 @@ def _babylon_light_size(at):
 BABYLON = Engine(
     title="Babylon.js, CascadedShadowGenerator",
     counts=(2, 3, 4),
-    map_size=lambda size, count: size,
+    map_size=lambda size, count: max(size, LEAST_SIZE),
     fit=lambda at: "box" if at.settings.snap == "none" or _babylon_bounds(at) else "sphere",
     kernel=_babylon_kernel,
     depth=lambda at: ("d32f", "scene"),
     settings=(
         Setting("Light.shadowEnabled", ("shadows",), "",
-                "https://doc.babylonjs.com/typedoc/classes/BABYLON.DirectionalLight",
-                lambda at: not at.dark, "light.shadowEnabled = $;"),
-        Setting("CascadedShadowGenerator.mapSize", ("map_size",), "texels", BABYLON_API, map_size,
+                BABYLON_LIGHT, lambda at: True, "light.shadowEnabled = $;"),
+        Setting("DirectionalLight.direction", (), "unit vector from the sun, y up, left-handed",
+                BABYLON_LIGHT, from_sun_mirrored,
+                "light.direction = new BABYLON.Vector3(...$);"),
+        Setting("CascadedShadowGenerator.mapSize", ("map_size",), "texels", BABYLON_API,
+                browser_map_size,
                 "const generator = new BABYLON.CascadedShadowGenerator($, light);"),
         Setting("CascadedShadowGenerator.numCascades", ("cascade_count",), "", BABYLON_CSM,
                 cascade_count, "generator.numCascades = $;"),
@@ -341,8 +350,13 @@ BABYLON = Engine(
         Fixed("storage", ("array",), "layers of one array"),
         Fixed("depth_format", (), "the generator chooses the format of its maps"),
     ),
+    off=Setting("Light.shadowEnabled", ("shadows", "filter"), "", BABYLON_LIGHT, lambda at: False,
+                "light.shadowEnabled = $;"),
+    off_about="light: your BABYLON.DirectionalLight",
     template="""\
 // light: your BABYLON.DirectionalLight; camera.maxZ: the far plane of your camera
+// y is up, axes are left-handed: x is mirrored, as by the glTF loader; under
+// scene.useRightHandedSystem they are ours: turn the sign of the direction's x
 @0
 generator.splitFrustum();
 // every caster: generator.addShadowCaster(mesh); every receiver: mesh.receiveShadows = true;

@@ -6,7 +6,7 @@ import numpy as np
 
 from .cascades import check_kinds, fit_cascades
 from .decisions import TABLE
-from .engine_rows import BLEND, SPLITS, Near
+from .engine_rows import BLEND, SPLITS, Near, held
 from .engine_situation import Situation
 from .engines_desktop import GODOT, UNITY
 from .engines_native import FILAMENT, UNREAL
@@ -164,7 +164,8 @@ def export_settings(settings, engine, *, camera, sun, scene=None, splits=None, t
     ------
     TypeError, ValueError
         If an argument is of the wrong kind, there is no such engine, splits are needed, or the
-        camera's near is not positive.
+        camera's near is not positive. Without shadows (``filter="none"``) neither counts: all that
+        is written then is what switches this light's off.
 
     Examples
     --------
@@ -175,14 +176,16 @@ def export_settings(settings, engine, *, camera, sun, scene=None, splits=None, t
     4
     """
     check_kinds(settings=settings, camera=camera, sun=sun)
+    if engine not in ENGINES:
+        raise ValueError(f"engine must be one of {', '.join(ENGINES)} (got {engine!r})")
+    canonical = settings.canonical()
+    if canonical.filter == "none":
+        return _switched_off(engine, ENGINES[engine], canonical)
     if camera.near <= 0.0:
         raise ValueError(
             "camera must have near > 0, where the shadow ranges of engines begin "
             f"(got near {camera.near:g})"
         )
-    if engine not in ENGINES:
-        raise ValueError(f"engine must be one of {', '.join(ENGINES)} (got {engine!r})")
-    canonical = settings.canonical()
     splits = _splits(canonical, camera, sun, scene, splits)
     texels = _texels(texels, len(splits) - 1)
     row = ENGINES[engine]
@@ -208,7 +211,9 @@ def _splits(settings, camera, sun, scene, splits):
                 f"split={settings.split!r} is fitted to what is seen: give splits=, for example "
                 "those of a frame, frame.cascades.splits"
             )
-        plain = settings.replace(fit="sphere", turned=False, warp="none")
+        # splits depend on no size and no filter, for which small maps may have no room
+        changes = {"map_size": ShadowSettings().map_size, "filter": "hard"}
+        plain = settings.replace(fit="sphere", turned=False, warp="none", **changes)
         return fit_cascades(camera, sun, plain, scene=scene).splits
     splits = np.asarray(splits, np.float64)
     wanted = settings.cascade_count + 1
@@ -222,6 +227,22 @@ def _splits(settings, camera, sun, scene, splits):
     return splits
 
 
+def _switched_off(name, engine, canonical):
+    """What switches the light's shadows off, and nothing else: the rest stays the project's."""
+    row = engine.off
+    value = row.value(None)
+    settings = {row.name: Quantity(value, row.unit, row.of, row.page)}
+    names = [one.effect for one in TABLE]
+    names += [n for n, usual in ALL_OF_THEM.items() if getattr(canonical, n) != usual]
+    not_needed = {n: "no shadows: not needed" for n in dict.fromkeys(names) if n not in row.of}
+    exported = Exported(name, engine.title, settings, {}, not_needed, {}, (), "")
+    about = [f"{engine.title}, from csm", "no shadows: only this light is changed"]
+    lines = [f"{engine.comment} {one}" for one in (*about, engine.off_about)]
+    lines.append(row.code.replace("$", _literal(value, engine)))
+    object.__setattr__(exported, "text", "\n".join(lines) + "\n")
+    return exported
+
+
 def _exported(name, engine, at):
     """Ask every row."""
     settings, rounded, lines = {}, {}, {}
@@ -229,18 +250,23 @@ def _exported(name, engine, at):
         value = row.value(at)
         if value is None:
             continue
+        about, told = row.of[0] if row.of else None, []
         if isinstance(value, Near):
-            about = value.of or row.of[0]
+            about, told, value = value.of or about, [value.note], value.value
+        value, note = held(value, row.limits, row.name)
+        told += [] if note is None else [note]
+        for note in told:
             notes = rounded.setdefault(about, [])
-            if value.note not in notes:
-                notes.append(value.note)
-            value = value.value
+            if note not in notes:
+                notes.append(note)
         settings[row.name] = Quantity(value, row.unit, row.of, row.page)
         line = row.code.replace("$", _literal(value, engine))
         lines.setdefault(row.place, []).append(line)
+    if at.negative_bias:
+        rounded.setdefault("bias", []).insert(0, at.negative_bias)
     rounded = {about: "; ".join(notes) for about, notes in rounded.items()}
     built_in, missing = _without_setting(engine, at, settings)
-    texels = () if at.dark else tuple(at.texels.tolist())
+    texels = tuple(at.texels.tolist())
     exported = Exported(name, engine.title, settings, rounded, built_in, missing, texels, "")
     object.__setattr__(exported, "text", _snippet(engine, exported, lines))
     return exported
@@ -250,8 +276,6 @@ def _without_setting(engine, at, settings):
     """What is done in one way only, and what has no counterpart; by our names."""
     told = {name for one in settings.values() for name in one.of}
     built_in, missing = {}, {}
-    if at.dark and "filter" not in told:
-        built_in["filter"] = "no shadows: nothing to filter"
     for row in engine.fixed:
         if at.ours == 1 and at.count == 1 and row.of in OF_SEVERAL:
             built_in[row.of] = "one cascade: nothing to choose"
@@ -259,7 +283,7 @@ def _without_setting(engine, at, settings):
             built_in[row.of] = row.text
         else:
             missing[row.of] = f"{getattr(at.settings, row.of)}: {row.text}"
-            if row.of == "fit" and at.our_texels and not at.dark:
+            if row.of == "fit" and at.our_texels:
                 there, here = _metres(at.texels), _metres(at.our_texels)
                 missing["fit"] += f"; texels of {there} instead of {here}"
     names = [row.effect for row in TABLE]

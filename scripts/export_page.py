@@ -21,7 +21,11 @@ def page():
         parts.append("| setting | unit | of ours |\n|---|---|---|\n")
         for row in engine.settings:
             ours = " ".join(f"`{one}`" for one in row.of) or "the sun"
-            parts.append(f"| [`{row.name}`]({row.page}) | {row.unit} | {ours} |\n")
+            unit = row.unit
+            if row.limits is not None:
+                unit = f"{unit}{'; ' if unit else ''}held to {row.limits[0]:g} to {row.limits[1]:g}"
+            parts.append(f"| [`{row.name}`]({row.page}) | {unit} | {ours} |\n")
+        parts.append(f"\nWithout shadows: [`{engine.off.name}`]({engine.off.page}) alone.\n")
         parts.append("\n| of ours | what it does without a setting |\n|---|---|\n")
         for row in engine.fixed:
             parts.append(f"| `{row.of}` | {row.text} |\n")

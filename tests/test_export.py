@@ -519,11 +519,140 @@ def test_filters_that_engines_have_are_not_rounded():
 @engines
 def test_no_shadows_are_none(engine):
     found = exported(engine, filter="none")
-    off = {"threejs": "WebGLRenderer.shadowMap.enabled", "babylon": "Light.shadowEnabled",
+    off = {"threejs": "DirectionalLight.castShadow", "babylon": "Light.shadowEnabled",
            "godot": "shadow_enabled", "unity": "Light.shadows", "unreal": "CastShadows",
-           "filament": "LightManager::Builder::castShadows"}[engine]  # fmt: skip
-    assert values(found)[off] in (False, "LightShadows.None")
-    assert "filter" not in found.missing
+           "filament": "LightManager::setShadowCaster"}[engine]  # fmt: skip
+    assert values(found) == {off: "LightShadows.None" if engine == "unity" else False}
+    assert not found.rounded
+    assert not found.missing
+    assert found.built_in.keys() | {"shadows", "filter"} >= {row.effect for row in TABLE}
+    comment = ENGINES[engine].comment
+    code = [one for one in found.text.splitlines() if not one.startswith(comment)]
+    assert len(code) == 1, "only this light is changed"
+
+
+@engines
+def test_no_shadows_need_no_splits_and_no_near(engine):
+    wanted = exported(engine, filter="none")
+    changes = {"filter": "none", "split": "sdsm", "cascade_count": 1}
+    assert exported(engine, camera=CAMERA, **changes) == wanted
+    settings = csm.ShadowSettings(**changes)
+    given = {"camera": CAMERA, "sun": SUN, "splits": [0.1, 20.0], "texels": [0.02]}
+    assert csm.export_settings(settings, engine, **given) == wanted
+    flat = CAMERA.replace(orthographic=True, near=-1.0)
+    assert csm.export_settings(settings, engine, camera=flat, sun=SUN) == wanted
+
+
+# -- the sun in the engine's own axes --------------------------------------------------------------
+
+DIRECTIONS = {
+    "threejs": "CSM.lightDirection", "babylon": "DirectionalLight.direction",
+    "godot": "global_transform.basis", "unity": "Transform.rotation",
+    "unreal": "SetWorldRotation", "filament": "LightManager::Builder::direction",
+}  # fmt: skip
+
+
+@engines
+def test_sun_shines_along_the_engines_own_axes(engine):
+    def direction(to_light):
+        return np.array(values(exported(engine, sun=csm.Sun(to_light)))[DIRECTIONS[engine]])
+
+    up = {"unreal": (0, 0, 1)}.get(engine, (0, 1, 0))
+    assert -direction((0, 1, 0)) == pytest.approx(up)  # overhead
+    turned = np.stack([direction(-axis) for axis in np.eye(3)])
+    left = engine in ("babylon", "unity", "unreal")
+    assert np.linalg.det(turned) == pytest.approx(-1.0 if left else 1.0)
+    assert turned @ turned.T == pytest.approx(np.eye(3))
+    # any other direction goes by the same map
+    assert direction(SUN.to_light) == pytest.approx(-SUN.to_light @ turned)
+    words = exported(engine).text
+    assert ("left-handed" if left else "right-handed") in words
+    assert f"{'z' if engine == 'unreal' else 'y'} is up" in words
+
+
+def test_rotation_of_godot_turns_forward_to_the_sun():
+    found = exported("godot")
+    x, y, z = values(found)["global_transform.basis"]
+    text = f"Basis(Quaternion(Vector3.FORWARD, Vector3({x:.9g}, {y:.9g}, {z:.9g})))"
+    assert text in found.text
+    # the shortest arc from -z, by its half angle
+    forward, to = np.array([0.0, 0.0, -1.0]), np.array([x, y, z])
+    axis, real = np.cross(forward, to), 1.0 + forward @ to
+    length = math.sqrt(axis @ axis + real**2)
+    axis, real = axis / length, real / length
+    shone = forward + 2 * np.cross(axis, np.cross(axis, forward) + real * forward)
+    assert shone == pytest.approx(-SUN.to_light)
+
+
+# -- what engines cannot hold ----------------------------------------------------------------------
+
+HELD = {
+    "godot": ("rendering/lights_and_shadows/directional_shadow/size", 16384, 8192),
+    "unity": ("mainLightShadowmapResolution", 4096, 2048),
+    "filament": ("ShadowOptions::mapSize", 2048, 2048),
+}
+
+
+@pytest.mark.parametrize("engine", HELD)
+def test_largest_maps_of_engines(engine):
+    name, texture, side = HELD[engine]
+    found = exported(engine, map_size=16384)
+    assert values(found)[name] == texture
+    assert f"16384 become {side} texels" in found.rounded["map_size"]
+
+
+@pytest.mark.parametrize("engine", ["threejs", "babylon"])
+def test_textures_that_not_every_browser_has_are_told(engine):
+    assert "not every device" in exported(engine, map_size=8192).rounded["map_size"]
+    assert "map_size" not in exported(engine, map_size=4096).rounded
+
+
+def test_smallest_maps_of_engines():
+    assert values(exported("godot", cascade_count=1, map_size=16))[HELD["godot"][0]] == 256
+    assert values(exported("filament", map_size=4))[HELD["filament"][0]] == 8
+
+
+@engines
+@pytest.mark.parametrize("size", [1, 2, 3, 6, 9])
+def test_small_maps_are_exported_whatever_the_filter(engine, size):
+    # turned windows are not snapped, so they leave no border that a small map has no room for
+    for changes in ({"filter": "pcss", "filter_size": 9}, {"filter": "hard"}):
+        try:
+            settings = csm.ShadowSettings(map_size=size, fit="visible", turned=True, **changes)
+        except ValueError:  # no kernel of ours is as wide as the map: none to export
+            continue
+        found = csm.export_settings(settings, engine, camera=CAMERA, sun=SUN)
+        name, across, _ = SIZES[engine]
+        assert values(found)[name] / across(4) >= max(size, 4)
+
+
+@engines
+def test_biases_beyond_the_engine_are_held_and_told(engine):
+    changes = {"bias": "manual", "constant_bias_texels": 4e5, "normal_offset_texels": 900.0}
+    found = exported(engine, **changes)
+    limited = [row for row in ENGINES[engine].settings if row.limits and "bias" in row.of]
+    for row in limited:
+        assert row.limits[0] <= values(found)[row.name] <= row.limits[1]
+    assert bool(limited) == ("is held to" in found.rounded.get("bias", ""))
+    assert bool(limited) == (engine not in ("threejs", "babylon"))
+
+
+@engines
+def test_negative_biases_by_hand_are_told_and_not_written(engine):
+    changes = {"bias": "manual", "constant_bias_texels": -3.0, "normal_offset_texels": -0.5}
+    found = exported(engine, **changes)
+    told = found.rounded["bias"]
+    assert told.startswith(
+        "negative, held to 0: constant_bias_texels -3, normal_offset_texels -0.5"
+    )
+    assert values(found) == values(exported(engine, bias="manual"))
+    assert "negative" not in exported(engine, bias="manual").rounded.get("bias", "")
+
+
+def test_far_shadows_of_godot_go_on_where_the_slider_ends():
+    far = exported("godot", splits=[0.1, 50.0, 9000.0])
+    assert values(far)["directional_shadow_max_distance"] == 9000.0
+    assert "8192 m" in far.rounded["max_distance"]
 
 
 def test_fade_begins_where_ours_does():
