@@ -11,8 +11,9 @@ import time
 
 import numpy as np
 
+from .budgets import corrected, frame_times
 from .cascades import check_kinds
-from .director_report import Decision, DirectorReport
+from .director_report import DirectorReport, Look
 from .errors import ContextError
 from .plans import DEFAULT_OUTPUTS
 from .recommendation import checked_goal, is_exact_goal, recommend_from
@@ -26,6 +27,7 @@ __all__ = ["Director"]
 MOVED_SHARE = 0.05  # of the view range, by the camera
 TURNED_DEG = 15.0  # the camera
 SUN_TURNED_DEG = 2.0
+TIMES = 30  # the latest frames since a look whose times count
 SCENE_FRAMES = 30  # an animated scene is another one in every frame
 # A choice that is only better must be so by this share, so many looks in a row.
 MARGIN, PATIENCE = 0.1, 2
@@ -87,6 +89,10 @@ class Director:
     at both places, and `patience` counts twofold from then on: a path that goes to and fro across
     the boundary of two choices does not change them to and fro.
 
+    Under `budget_ms` only the first look times frames of its own, up to sixteen of them. Every
+    later one forecasts by what the frames since the last one took, of maps those that were drawn
+    whole, and costs what a look without a budget costs.
+
     Examples
     --------
     >>> import csm
@@ -131,6 +137,7 @@ class Director:
         self._looked = None  # frame, scene, camera, sun of the last look
         self._sun = None
         self._streak, self._wait, self._chosen = 0, self._patience, 0
+        self._times, self._new = [], False  # of frames since the last look; settings just changed
         self._whole_ms = {}  # (settings, map) -> when it was last drawn whole
         self._decisions = []
         self._maps = dict.fromkeys(("draw", "keep", "add", "scroll"), 0)
@@ -179,7 +186,7 @@ class Director:
             ``info["director"]`` tells what was done: ``actions``, one a map (``draw``, ``keep``,
             ``add``: casters drawn into what was there, ``scroll``), and ``drawn``, ``kept``,
             ``added``, ``scrolled`` with the numbers of those maps; ``texels_saved``,
-            ``triangles_saved``, ``ms_saved``; ``decision``, a `Decision` or None.
+            ``triangles_saved``, ``ms_saved``; ``decision``, a `Look` or None.
 
         Raises
         ------
@@ -236,6 +243,7 @@ class Director:
         self._frames += 1
         self._ms += total_ms(frame.timings_ms)
         actions = tuple(done["action"] for done in maps)
+        self._time(frame, actions)
         words = {"draw": "drawn", "keep": "kept", "add": "added", "scroll": "scrolled"}
         frame.info["director"] = {
             "actions": actions,
@@ -248,6 +256,24 @@ class Director:
             "ms_saved": saved[2],
             "decision": decision,
         }
+
+    def _time(self, frame, actions):
+        """Keep what the frame took, which corrects the cost model at the next look."""
+        if self._goal["budget_ms"] is None:
+            return
+        if self._new:  # a driver makes its code at a program's first use, and counts that
+            self._new = False
+            return
+        ms, others = frame_times(frame)
+        whole = all(action == "draw" for action in actions)
+        self._times = [*self._times[1 - TIMES :], (ms if whole else None, others)]
+
+    def _costs(self):
+        """Cost model of the last look, corrected by the frames since; None before the first."""
+        last = self.recommendation
+        if last is None:
+            return None
+        return corrected(last.cost_model, self.settings, last.signals, self._times)
 
     # -- decisions ---------------------------------------------------------------------------------
 
@@ -283,17 +309,18 @@ class Director:
         start = time.perf_counter()
         with self._renderer.aside():
             found = recommend_from(
-                self._renderer, self.scene, (camera,), (sun,), self._goal, camera_moves=True,
-                sun_moves=sun_moves,
+                self._renderer, self.scene, (camera,), (sun,), self._goal, model=self._costs(),
+                camera_moves=True, sun_moves=sun_moves,
             )  # fmt: skip
         chosen, reason = self._weigh(found)
         ms = 1e3 * (time.perf_counter() - start)
-        changed = chosen is not None
+        changed, self._times = chosen is not None, []
+        self._new = changed
         if changed:
             self.settings, self._streak, self._chosen = chosen, 0, len(self._decisions)
         self.recommendation = found
         self._looked = self._frames, self.scene, camera, sun, _view_range(self.scene, camera)
-        decision = Decision(self._frames, trigger, changed, reason, ms)
+        decision = Look(self._frames, trigger, changed, reason, ms)
         self._decisions.append(decision)
         return decision
 

@@ -4,11 +4,11 @@ from dataclasses import dataclass
 
 from .verification import table_html, table_text
 
-__all__ = ["Decision", "DirectorReport"]
+__all__ = ["DirectorReport", "Look"]
 
 
 @dataclass(frozen=True)
-class Decision:
+class Look:
     """One look at the scene.
 
     Attributes
@@ -46,7 +46,7 @@ class DirectorReport:
         Estimate: of every map the time it took when it was last drawn whole, less what it took.
     ms : float
         Of all frames, without ``readback``.
-    decisions : tuple of Decision
+    decisions : tuple of Look
     """
 
     _HEADS = ("over the path", "")

@@ -6,6 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 
+from .budgets import within_budget
 from .camera import Camera
 from .cascades import check_kinds, fit_cascades
 from .decisions import TABLE, Situation
@@ -17,7 +18,7 @@ from .plans import map_bytes
 from .records import known_scene, plain_values, read_values
 from .renderer import Renderer
 from .scene import Scene
-from .search import Forecast, Search, cheapest, finest, within_budget
+from .search import Forecast, Search, cheapest, finest
 from .settings import ShadowSettings, map_sizes
 from .signals import Signals, measure_signals
 from .spaces import as_number
@@ -70,7 +71,8 @@ class Recommendation(Recorded):
     expected_error : float
         Forecast, not rendered: see `verify`.
     expected_ms : float
-        Forecast; for this machine only under ``budget_ms``.
+        Forecast, as `forecast` makes it; for this machine only under ``budget_ms``, where it is
+        corrected by frames of these very settings.
     map_bytes : int
         Of the shadow maps.
     goal : dict
@@ -127,6 +129,11 @@ class Recommendation(Recorded):
         """
         check_kinds(settings=settings)
         return self._measured().forecast(settings, self._model)
+
+    @property
+    def cost_model(self):
+        """`csm.forecasts.CostModel` of the milliseconds; None when it was read from a file."""
+        return self._model
 
     def _measured(self):
         """Return the search over what was measured."""
@@ -377,7 +384,7 @@ def is_exact_goal(goal):
     return goal["budget_ms"] is not None and goal["max_error"] is None
 
 
-def recommend_from(renderer, scene, cameras, suns, goal, **motion):
+def recommend_from(renderer, scene, cameras, suns, goal, *, model=None, **motion):
     """Recommend what `recommend` does, from checked arguments.
 
     Parameters
@@ -387,6 +394,8 @@ def recommend_from(renderer, scene, cameras, suns, goal, **motion):
     cameras, suns : tuple of Camera, tuple of Sun
     goal : dict
         From `checked_goal`.
+    model : CostModel, optional
+        What frames cost here, where that is known: under ``budget_ms`` no frame is timed then.
     **motion
         ``camera_moves``, ``sun_moves``: what is known of them beyond the views given.
 
@@ -396,10 +405,10 @@ def recommend_from(renderer, scene, cameras, suns, goal, **motion):
     """
     signals = replace(measure_signals(renderer, scene, cameras, suns), **motion)
     search = Search(signals, scene, goal, renderer.info["max_texture_size"])
-    model = CostModel()
-    if goal["budget_ms"] is not None:
+    if goal["budget_ms"] is not None and model is None:
         chosen, model = within_budget(renderer, scene, search)
     else:
+        model = CostModel() if model is None else model
         chosen = search.choose(model)
     return _report(search, chosen, model, scene, (cameras, suns), goal)
 

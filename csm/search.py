@@ -19,13 +19,12 @@ from .decisions import (
     wanted_format,
     wanted_size,
 )
-from .forecasts import CostModel, Expected, Forecaster, forecast_cost
+from .forecasts import Expected, Forecaster, forecast_cost
 from .plans import map_bytes
 from .settings import ShadowSettings
-from .timing import total_ms
 from .verification import everything_on
 
-__all__ = ["Candidate", "Forecast", "Search", "cheapest", "finest", "within_budget"]
+__all__ = ["Candidate", "Forecast", "Search", "cheapest", "finest"]
 
 STEPS = 4  # of sizes, from one to its double
 SIZES = tuple(round(SMALLEST * 2 ** (k / STEPS)) for k in range(4 * STEPS + 1))  # to 4096
@@ -33,8 +32,6 @@ SIZES = tuple(round(SMALLEST * 2 ** (k / STEPS)) for k in range(4 * STEPS + 1)) 
 # 5 % or 0.05 % of the pixels. Of 55 real pairs, forecasts within that were so measured in 52; of
 # what the factors miss, the median is 12 %.
 KNEE_SHARE, KNEE_PIXELS = 0.02, 2e-4
-TIMED = 3  # frames timed of a setting; their median counts
-ROUNDS = 4  # of timing and choosing again under a budget
 
 
 @dataclass(frozen=True)
@@ -261,51 +258,3 @@ def cheapest(candidate):
 def finest(candidate):
     """Sort by error, then by cost."""
     return candidate.error, candidate.ms, candidate.texels
-
-
-def within_budget(renderer, scene, search):
-    """Choose, time the choice, correct the model, choose again until the choice fits.
-
-    Parameters
-    ----------
-    renderer : Renderer
-    scene : Scene
-    search : Search
-
-    Returns
-    -------
-    chosen : Candidate
-        With the time that was measured.
-    model : CostModel
-        Of this machine.
-    """
-    view = search.signals.views[0]
-
-    def timed(settings):
-        frames = [
-            renderer.render(scene, view.camera, view.sun, settings, outputs=("mask",))
-            for _ in range(TIMED + 1)
-        ][1:]
-        maps = [sum(ms for n, ms in f.timings_ms.items() if "shadow_map" in n) for f in frames]
-        return sorted(total_ms(f.timings_ms) for f in frames)[TIMED // 2], sorted(maps)[TIMED // 2]
-
-    model = CostModel()
-    chosen = search.choose(model)
-    fitting = None
-    for _ in range(ROUNDS):
-        total, maps = timed(chosen.settings)
-        expected_maps, expected_others = model.parts(chosen.settings, search.signals)
-        if total <= search.goal["budget_ms"] and (fitting is None or chosen.error < fitting.error):
-            fitting = replace(chosen, ms=total)
-        factor = (total - maps) / expected_others
-        model = model.scaled(factor, "frames timed here")
-        if expected_maps > 0.0 and maps > 0.0:
-            model = model.with_maps(maps / expected_maps / factor)
-        again = search.choose(model)
-        if again.settings == chosen.settings:
-            break
-        chosen = again
-    if fitting is not None:
-        return fitting, model
-    cheapest = search.choose(model)
-    return replace(cheapest, ms=timed(cheapest.settings)[0]), model

@@ -8,6 +8,8 @@ import small_scenes
 from paths import SIZE, path, step
 
 import csm
+from csm.budgets import corrected
+from csm.forecasts import CostModel
 
 SUN = csm.Sun((0.35, 0.8, 0.5))
 MASK = ("mask",)
@@ -307,3 +309,84 @@ def test_forecast_of_what_was_recommended_is_its_own(renderer, boundary):
     read = csm.Recommendation.from_json(found[0].to_json())
     with pytest.raises(ValueError, match="read from a file forecasts no other settings"):
         read.forecast(both)
+
+
+# -- under a budget --------------------------------------------------------------------------------
+
+
+def away(number):
+    """Views of the box, far enough from one to the next for a look each."""
+    return view(0.7 + 0.25 * number)
+
+
+def renders_of_looks(renderer, monkeypatch, **goal):
+    """How often each of four frames of a director rendered, its own frame with them."""
+    renders, counts = [], []
+    render = type(renderer).render
+
+    def counted(self, *arguments, **more):
+        renders.append(arguments)
+        return render(self, *arguments, **more)
+
+    monkeypatch.setattr(type(renderer), "render", counted)
+    with csm.Director(csm.scenes.plane_and_box(), renderer=renderer, **goal) as director:
+        for number in range(4):
+            before = len(renders)
+            frame = director.render(away(number), BOX_SUN, outputs=MASK)
+            assert frame.info["director"]["decision"] is not None
+            counts.append(len(renders) - before)
+    return counts
+
+
+def test_looks_under_a_budget_render_no_more_than_others(renderer, monkeypatch):
+    free = renders_of_looks(renderer, monkeypatch)
+    within = renders_of_looks(renderer, monkeypatch, budget_ms=1e6)
+    assert within[1:] == free[1:]
+    assert within[0] > free[0]  # the first times frames: nothing is known of this machine
+
+
+def test_frames_tell_a_director_what_they_cost(renderer, monkeypatch):
+    """Frames that begin to take ten times as long are over the budget at the next look."""
+    slow = [1.0]
+    timed = csm.director.frame_times
+
+    def slowed(frame):
+        return tuple(slow[0] * ms for ms in timed(frame))
+
+    monkeypatch.setattr(csm.director, "frame_times", slowed)
+    with csm.Director(csm.scenes.plane_and_box(), budget_ms=1e6, renderer=renderer) as director:
+        for _ in range(3):
+            director.render(away(0), BOX_SUN, outputs=MASK)
+        costs = director.recommendation.cost_model
+        assert costs.source == "frames timed here"
+        slow[0] = 1e9
+        director.render(away(0), BOX_SUN, outputs=MASK)
+        director._times = director._times[-1:]  # the slow one
+        rich = director.settings
+        director.render(away(1), BOX_SUN, outputs=MASK)
+        assert director.recommendation.cost_model.mask_pixel > 1e6 * costs.mask_pixel
+        assert not director.recommendation.forecast(rich).met
+        assert not director.recommendation.met
+
+
+@pytest.mark.parametrize("budget", [1e6, 1e-3])
+def test_under_a_budget_a_forecast_is_what_is_expected(renderer, budget):
+    scene = csm.scenes.plane_and_box()
+    found = csm.recommend(scene, view(1.0), BOX_SUN, budget_ms=budget, renderer=renderer)
+    again = found.forecast(found.settings)
+    assert again.ms == found.expected_ms
+    assert again.error == found.expected_error
+    assert again.met == found.met == (budget == 1e6)
+
+
+def test_corrected_costs_are_those_that_were_timed(renderer):
+    scene = csm.scenes.plane_and_box()
+    found = csm.recommend(scene, view(1.0), BOX_SUN, renderer=renderer)
+    signals, settings, model = found.signals, found.settings, CostModel()
+    times = [(3.0, 40.0), (5.0, 44.0), (90.0, 900.0)]
+    maps, others = corrected(model, settings, signals, times).parts(settings, signals)
+    assert (maps, others) == (pytest.approx(5.0), pytest.approx(44.0))  # the medians
+    before = model.parts(settings, signals)[0]
+    kept = corrected(model, settings, signals, [(None, 44.0)]).parts(settings, signals)
+    assert kept == (pytest.approx(before), pytest.approx(44.0))
+    assert corrected(model, settings, signals, []) is model
