@@ -27,6 +27,7 @@ __all__ = [
 ]
 
 SUFFIXES = (".json", ".toml")
+MARK = "\ufeff"  # of byte order, which some editors begin a text with
 BARE = re.compile(r"[A-Za-z0-9_-]+")
 
 
@@ -65,7 +66,9 @@ def read_json(text):
         If it is no JSON, no object, or has a key twice or a number that is not finite.
     """
     try:
-        values = json.loads(_text(text), object_pairs_hook=_once, parse_constant=_no_constant)
+        values = json.loads(
+            _text(text).removeprefix(MARK), object_pairs_hook=_once, parse_constant=_no_constant
+        )
     except json.JSONDecodeError as error:
         raise ValueError(f"no JSON: {error}") from None
     except RecursionError:
@@ -110,7 +113,7 @@ def read_toml(text):
         If it is no TOML.
     """
     try:
-        return tomllib.loads(_text(text))
+        return tomllib.loads(_text(text).removeprefix(MARK))
     except tomllib.TOMLDecodeError as error:
         raise ValueError(f"no TOML: {error}") from None
     except RecursionError:

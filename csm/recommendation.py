@@ -2,6 +2,7 @@
 
 from contextlib import ExitStack
 from dataclasses import dataclass, field, replace
+from html import escape
 from types import SimpleNamespace
 
 import numpy as np
@@ -15,6 +16,7 @@ from .export import export_settings
 from .forecasts import CostModel
 from .formats import Recorded
 from .plans import map_bytes
+from .record_rules import GOAL_RANGES
 from .records import known_scene, plain_values, read_values
 from .renderer import Renderer
 from .scene import Scene
@@ -58,7 +60,8 @@ class Recommendation(Recorded):
     """What `recommend` found. Prints as a short table; a table in Jupyter, too.
 
     `to_json`, `to_toml` and `save` write everything but the scene and the coarse pictures (of the
-    scene its digest), `from_json`, `from_toml` and `load` make an equal one of it, bit for bit.
+    scene its digest), `from_json`, `from_toml` and `load` make an equal one of it, bit for bit: two
+    are equal if their files are.
 
     Attributes
     ----------
@@ -272,7 +275,8 @@ class Recommendation(Recorded):
         Raises
         ------
         TypeError, ValueError
-            If a key is missing or unknown, or a value is not allowed.
+            If a key is missing or unknown, a value is not allowed, or two contradict each other:
+            splits, texels, bytes or a reason's value that are not those of the settings.
         """
         arguments = read_values(values)
         return cls(**{**arguments, "reasons": Reasons(arguments["reasons"])})
@@ -287,6 +291,14 @@ class Recommendation(Recorded):
             differs from the settings.
         """
         return plain_values(self)
+
+    def __eq__(self, other):
+        if not isinstance(other, Recommendation):
+            return NotImplemented
+        return self is other or self.to_json() == other.to_json()
+
+    def __hash__(self):
+        return hash(self.to_json())
 
     def _headline(self):
         s = self.settings
@@ -308,8 +320,8 @@ class Recommendation(Recorded):
         return "\n".join([*lines, "", str(self.reasons)])
 
     def _repr_html_(self):
-        missed = "" if self.met else f"<p>goal not met: {self.obstacle}</p>"
-        return f"<p>{self._headline()}</p>{missed}{self.reasons._repr_html_()}"
+        missed = "" if self.met else f"<p>goal not met: {escape(self.obstacle)}</p>"
+        return f"<p>{escape(self._headline())}</p>{missed}{self.reasons._repr_html_()}"
 
 
 def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=None, renderer=None):
@@ -372,10 +384,10 @@ def checked_goal(max_error, budget_ms, max_bytes):
     TypeError, ValueError
         If one is no number or out of range.
     """
+    given = {"max_error": max_error, "budget_ms": budget_ms, "max_bytes": max_bytes}
     return {
-        "max_error": _goal("max_error", max_error, 0.0, 1.0),
-        "budget_ms": _goal("budget_ms", budget_ms, 1e-6, 1e9),
-        "max_bytes": _goal("max_bytes", max_bytes, 1.0, 1e15),
+        name: None if value is None else as_number(name, value, *GOAL_RANGES[name])
+        for name, value in given.items()
     }
 
 
@@ -484,7 +496,3 @@ def _path(value, kind, name):
             f"(got {type(value).__name__})"
         )
     return several
-
-
-def _goal(name, value, low, high):
-    return None if value is None else as_number(name, value, low, high)

@@ -12,6 +12,7 @@ from .camera import Camera
 from .decisions import Reason
 from .digests import scene_digest
 from .formats import check_keys, named, read_file
+from .record_rules import GOAL_RANGES, check_agreement
 from .settings import ShadowSettings
 from .signals import Signals
 from .spaces import as_vector, frozen, real_array
@@ -29,7 +30,7 @@ KEYS = (
 )
 OPTIONAL = ("obstacle",)  # None, which TOML leaves out
 ADDED = ("verification", "exports")  # by `csm recommend --json`: not read
-GOALS = ("max_error", "budget_ms", "max_bytes")
+GOALS = tuple(GOAL_RANGES)
 REASON_KEYS = tuple(field.name for field in fields(Reason))
 CAMERA_KEYS = tuple(field.name for field in fields(Camera))
 SUN_KEYS = ("to_light", "angular_diameter_deg")
@@ -113,7 +114,8 @@ def read_values(values):
     Raises
     ------
     TypeError, ValueError
-        If a key is missing or unknown, or a value is not allowed; the text says which.
+        If a key is missing or unknown, a value is not allowed, or two contradict each other, as
+        splits and the number of cascades; the text says which.
     """
     needed = [key for key in KEYS if key not in OPTIONAL]
     check_keys("a recommendation", values, (*KEYS, *ADDED), needed)
@@ -126,7 +128,7 @@ def read_values(values):
     if bounds.shape != (2, 3) or not np.isfinite(bounds).all():
         raise ValueError(f"scene.bounds must be two points (got {bounds.tolist()})")
     obstacle = values.get("obstacle")
-    return {
+    found = {
         "settings": settings,
         "reasons": [
             _within(f"reasons[{number}]", _reason, one, settings)
@@ -159,6 +161,8 @@ def read_values(values):
             ),
         ),
     }
+    check_agreement(found)
+    return found
 
 
 def load_settings(path):
@@ -167,7 +171,8 @@ def load_settings(path):
     Parameters
     ----------
     path : path_like
-        ``.json`` or ``.toml``.
+        ``.json`` or ``.toml``. Of a recommendation its settings alone count: a person may have
+        changed them, which then are no longer those that the rest of the file is about.
 
     Returns
     -------
@@ -181,7 +186,8 @@ def load_settings(path):
     values = read_file(path)
     with named(path):
         if values.get("format") == FORMAT:
-            return read_values(values)["settings"]
+            check_keys("a recommendation", values, (*KEYS, *ADDED), ["settings"])
+            return _within("settings", ShadowSettings.from_dict, values["settings"])
         if isinstance(values.get("settings"), dict):  # evidence of csm.pytest_plugin
             values = values["settings"]
         return ShadowSettings.from_dict(values)

@@ -793,3 +793,15 @@ def test_recommendation_is_exported_with_what_was_seen_and_so_it_is_from_a_file(
     below = csm.Sun((0.2, -1.0, 0.1))  # under the ground, which is seen from above
     dark = csm.recommend(plane(), view(), below, renderer=renderer)
     assert values(dark.export("godot"))["shadow_enabled"] is False
+
+
+def test_one_cascade_is_one_in_words(renderer, box):
+    one = exported("babylon", cascade_count=1).rounded["cascade_count"]
+    assert one.startswith("one cascade becomes 2")
+    found = csm.recommend(box, view(), csm.Sun((0.4, 1, 0.3)), renderer=renderer)
+    assert found.settings.cascade_count == 1
+    assert "1 cascades" not in f"{found} {found._repr_html_()} {exported('unity', cascade_count=1)}"
+    with pytest.raises(ValueError, match=r"splits must be 2 ascending view depths \[m\], one more"):
+        csm.export_settings(
+            csm.ShadowSettings(cascade_count=1), "unity", camera=CAMERA, sun=SUN, splits=[1, 2, 3]
+        )

@@ -15,6 +15,7 @@ from hypothesis import strategies as st
 import csm
 from csm import cli
 from csm.formats import SUFFIXES, read_json, read_toml, write_json, write_toml
+from csm.plans import map_bytes
 from csm.recommendation import Reasons
 from csm.records import load_settings
 
@@ -215,17 +216,22 @@ def test_recommendation_comes_back_bit_for_bit(found, write, read):
 @forms
 def test_none_and_what_is_not_finite_come_back(found, write, read):
     signals = dataclasses.replace(found.signals, depth_ratio=float("inf"))
+    sizes = (64,) * found.settings.cascade_count
+    settings = found.settings.replace(map_size=sizes)
     reasons = Reasons(
-        [dataclasses.replace(found.reasons[0], flipped=None, value=(64, 32)), *found.reasons[1:]]
+        dataclasses.replace(one, flipped=None, value=sizes) if one.effect == "map_size" else one
+        for one in found.reasons
     )
     goal = {"max_error": None, "budget_ms": 12.5, "max_bytes": None}
     odd = dataclasses.replace(
-        found, signals=signals, reasons=reasons, goal=goal, met=True, obstacle=None
-    )
+        found, signals=signals, reasons=reasons, goal=goal, met=True, obstacle=None,
+        settings=settings, map_bytes=map_bytes(settings),
+    )  # fmt: skip
     again = getattr(csm.Recommendation, read)(getattr(odd, write)())
     assert again.goal == goal
     assert again.obstacle is None
-    assert again.reasons == reasons
+    assert [one.value for one in again.reasons] == [one.value for one in reasons]
+    assert again == odd
     assert again.signals.depth_ratio == float("inf")
 
 
@@ -291,6 +297,40 @@ def test_settings_of_a_recommendation_are_read_from_its_file(tmp_path, found):
         (lambda v: v["path"]["suns"][0].update(to_light=[0, 0, 0]), ValueError, ["to_light"]),
         (lambda v: v["scene"].update(bounds=[1, 2]), ValueError, ["scene.bounds", "two points"]),
         (lambda v: v.update(splits=3), TypeError, ["splits", "list", "3"]),
+        # what contradicts itself
+        (
+            lambda v: v["settings"].update(cascade_count=v["settings"]["cascade_count"] + 1),
+            ValueError, ["splits", "ascending", "settings.cascade_count"],
+        ),
+        (lambda v: v["splits"].reverse(), ValueError, ["splits", "ascending"]),
+        (lambda v: v["texels"].append(0.1), ValueError, ["texels", "settings.cascade_count"]),
+        (lambda v: v["texels"].__setitem__(0, -0.1), ValueError, ["texels", "-0.1"]),
+        (lambda v: v.update(map_bytes=-4), ValueError, ["map_bytes", "settings", "-4"]),
+        (lambda v: v.update(map_bytes=10**18), ValueError, ["map_bytes", "settings", "10000000"]),
+        (lambda v: v["settings"].update(map_size=77), ValueError, ["map_bytes", "must be"]),
+        (lambda v: v["settings"].update(snap="none"), ValueError, ["'snap'", "'none'", "'exact'"]),
+        (lambda v: v.update(expected_error=-0.1), ValueError, ["expected_error", "-0.1", "0"]),
+        (lambda v: v.update(expected_ms="nan"), ValueError, ["expected_ms", "nan"]),
+        (lambda v: v["goal"].update(max_error=2.0), ValueError, ["goal.max_error", "2", "1"]),
+        (lambda v: v.update(met=True), ValueError, ["obstacle", "met True"]),
+        (lambda v: v.update(reasons=[]), ValueError, ["reasons", "empty", "cascade_count"]),
+        (
+            lambda v: v["reasons"][3].update(effect="sparkle"),
+            ValueError, ["reasons[3]", "sparkle", "map_size"],
+        ),
+        (
+            lambda v: v["reasons"].append(dict(v["reasons"][0])),
+            ValueError, ["reasons[", "'shadows'", "twice"],
+        ),
+        (
+            lambda v: v["signals"].update(facing_share=1.5),
+            ValueError, ["signals.facing_share", "0 to 1", "1.5"],
+        ),
+        (
+            lambda v: v["signals"]["cascade_shares"].__setitem__(1, -0.5),
+            ValueError, ["signals.cascade_shares", "-0.5"],
+        ),
+        (lambda v: v["signals"].update(scene_triangles=-3), ValueError, ["scene_triangles", "-3"]),
     ],
 )  # fmt: skip
 def test_bad_recommendations_are_named(found, change, error, words):
@@ -299,6 +339,59 @@ def test_bad_recommendations_are_named(found, change, error, words):
     with pytest.raises(error) as caught:
         csm.Recommendation.from_json(json.dumps(values))
     assert all(word in str(caught.value) for word in words), str(caught.value)
+
+
+def test_a_file_that_contradicts_itself_is_named_and_its_settings_still_serve(tmp_path, found):
+    values = json.loads(found.to_json())
+    values["settings"]["cascade_count"] = found.settings.cascade_count + 1
+    path = tmp_path / "edited.json"
+    path.write_text(json.dumps(values))
+    with pytest.raises(ValueError, match=r"edited\.json: splits must be .*cascade_count"):
+        csm.Recommendation.load(path)
+    assert load_settings(path).cascade_count == found.settings.cascade_count + 1
+    values["settings"]["lam"] = 3
+    path.write_text(json.dumps(values))
+    with pytest.raises(ValueError, match=r"edited\.json: settings: lam .*3"):
+        load_settings(path)
+
+
+@pytest.mark.parametrize("to_light", [(0.2, -1.0, 0.1), (0.2, 1.0, 0.1)], ids=["dark", "lit"])
+@pytest.mark.parametrize("target", [(0, 0, 0), (0, 90, 1)], ids=["down", "sky"])
+def test_whatever_is_recommended_is_read(renderer, box, to_light, target):
+    camera = csm.Camera.look_at((6, 4.5, 8), target, far=100, size=SIZE)
+    made = csm.recommend(box, camera, csm.Sun(to_light), renderer=renderer)
+    assert csm.Recommendation.from_toml(made.to_toml()) == made
+
+
+def test_recommendations_are_equal_if_their_files_are(renderer, box, found):
+    again = csm.Recommendation.from_json(found.to_json())
+    assert again == found
+    assert hash(again) == hash(found)
+    assert len({again, found}) == 1
+    assert dataclasses.replace(found, expected_ms=found.expected_ms + 1.0) != found
+    assert found != found.settings
+    twice = [csm.recommend(box, view(), SUN, renderer=renderer) for _ in range(2)]
+    assert twice[0] == twice[1]  # nothing in it depends on time
+    assert twice[0] != found
+
+
+@pytest.mark.parametrize("suffix", SUFFIXES)
+def test_a_mark_of_byte_order_is_read_over(tmp_path, suffix):
+    settings = csm.ShadowSettings(map_size=77)
+    path = tmp_path / f"marked{suffix}"
+    settings.save(path)
+    path.write_bytes(b"\xef\xbb\xbf" + path.read_bytes())
+    assert csm.ShadowSettings.load(path) == load_settings(path) == settings
+    text = path.read_text(encoding="utf-8")
+    read = csm.ShadowSettings.from_json if suffix == ".json" else csm.ShadowSettings.from_toml
+    assert read(text) == settings
+
+
+def test_what_stands_in_the_way_is_escaped_in_html(found):
+    odd = dataclasses.replace(found, obstacle="a < b & <script>")
+    assert "a &lt; b &amp; &lt;script&gt;" in odd._repr_html_()
+    assert "<script>" not in odd._repr_html_()
+    assert "a < b & <script>" in str(odd)
 
 
 # -- the commands ----------------------------------------------------------------------------------

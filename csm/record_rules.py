@@ -1,0 +1,117 @@
+"""What a file of a recommendation must agree on with itself.
+
+A file that a person edits may say one thing in its settings and another in what was derived from
+them; such a file is refused, key by key, so that nothing is told of settings that it is not about.
+"""
+
+import itertools
+import math
+
+from .decisions import TABLE
+from .plans import map_bytes
+
+__all__ = ["GOAL_RANGES", "check_agreement"]
+
+#: Least and most of each goal.
+GOAL_RANGES = {"max_error": (0.0, 1.0), "budget_ms": (1e-6, 1e9), "max_bytes": (1.0, 1e15)}
+SHARES = (
+    *("seen_share", "facing_share", "shadowed_share", "depth_shares", "cascade_shares", "covers"),
+    *("thin_share", "layered_share", "front_matters", "faces_matter", "bias_matters", "lit_area"),
+)
+NOT_NEGATIVE = (
+    *("casters", "needless_chunks", "scene_triangles", "edge_share", "penumbra_pixels"),
+    *("penumbra_metres", "depth_span", "origin_distance"),
+)
+ROUNDING = 1e-9  # beyond 1 that a share may be by its sums
+EFFECTS = tuple(row.effect for row in TABLE)
+
+
+def check_agreement(found):
+    """Refuse parts of a recommendation that contradict each other, or what can be at all.
+
+    Parameters
+    ----------
+    found : dict
+        Arguments of `Recommendation`, each of its own kind already.
+
+    Raises
+    ------
+    ValueError
+        Naming the key, its value and what is allowed.
+    """
+    _check_windows(found["settings"], found["splits"], found["texels"])
+    expected = map_bytes(found["settings"])
+    if found["map_bytes"] != expected:
+        raise ValueError(
+            f"map_bytes must be {expected}, that of its settings (got {found['map_bytes']})"
+        )
+    for name in ("expected_error", "expected_ms"):
+        _check_range(name, found[name], 0.0, math.inf)
+    for name, (low, high) in GOAL_RANGES.items():
+        if found["goal"][name] is not None:
+            _check_range(f"goal.{name}", found["goal"][name], low, high)
+    if found["met"] != (found["obstacle"] is None):
+        raise ValueError(
+            "obstacle must say what is in the way where met is false, and be left out where it is "
+            f"true (got met {found['met']}, obstacle {found['obstacle']!r})"
+        )
+    _check_signals(found["signals"])
+    _check_reasons(found["reasons"], found["settings"])
+
+
+def _check_windows(settings, splits, texels):
+    """One slice and one texel a cascade."""
+    count = settings.cascade_count
+    ascending = all(math.isfinite(one) for one in splits) and all(
+        near < far for near, far in itertools.pairwise(splits)
+    )
+    if len(splits) != count + 1 or not ascending:
+        raise ValueError(
+            f"splits must be {count + 1} ascending view depths [m], as settings.cascade_count is "
+            f"{count} (got {list(splits)})"
+        )
+    good = all(math.isfinite(one) and one >= 0.0 for one in texels)
+    if len(texels) != count or not good:
+        raise ValueError(
+            f"texels must be {count} lengths [m], as settings.cascade_count is {count} "
+            f"(got {list(texels)})"
+        )
+
+
+def _check_range(name, value, low, high):
+    if not low <= value <= high or math.isinf(value):
+        most = "" if math.isinf(high) else f" and at most {high:g}"
+        raise ValueError(f"{name} must be at least {low:g}{most} (got {value:g})")
+
+
+def _check_signals(signals):
+    for names, high in ((SHARES, 1.0 + ROUNDING), (NOT_NEGATIVE, math.inf)):
+        for name in names:
+            value = getattr(signals, name)
+            for one in value if hasattr(value, "__len__") else (value,):
+                if not 0.0 <= one <= high:
+                    rule = "0 to 1" if high < math.inf else "at least 0"
+                    raise ValueError(f"signals.{name} must be {rule} (got {one:g})")
+
+
+def _check_reasons(reasons, settings):
+    """Every reason is about another effect, and gives the value that the settings have."""
+    if not reasons:
+        raise ValueError(f"reasons must not be empty: there are {', '.join(EFFECTS)}")
+    seen = set()
+    for number, reason in enumerate(reasons):
+        where = f"reasons[{number}]"
+        if reason.effect not in EFFECTS:
+            raise ValueError(
+                f"{where}: effect must be one of {', '.join(EFFECTS)} (got {reason.effect!r})"
+            )
+        if reason.effect in seen:
+            raise ValueError(f"{where}: effect {reason.effect!r} is there twice")
+        seen.add(reason.effect)
+        setting = "filter" if reason.effect == "shadows" else reason.effect
+        value = getattr(settings, setting)
+        if reason.value != value:
+            raise ValueError(
+                f"{where}: value of {reason.effect!r} must be {value!r}, as in settings "
+                f"(got {reason.value!r})"
+            )
