@@ -457,6 +457,8 @@ TABLE = (
         measured=lambda at: (
             f"{at.settings.cascade_count} cascades, texels in a ratio of {_blend_ratio(at):.2g}, "
             f"filter {at.settings.filter}"
+            if _several(at)
+            else f"one cascade: no boundary; filter {at.settings.filter}"
         ),
         flipped=lambda at: {"blend": "linear" if at.settings.blend == "none" else "none"},
     ),

@@ -151,7 +151,7 @@ def cascade_count(at):
     """Cascades there."""
     if at.count == at.ours:
         return at.count
-    text = f"{at.ours} cascades become {at.count}"
+    text = f"{'one cascade becomes' if at.ours == 1 else f'{at.ours} cascades become'} {at.count}"
     return Near(at.count, f"{text}, cut anew along the same curve", "cascade_count")
 
 

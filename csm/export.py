@@ -219,7 +219,7 @@ def _splits(settings, camera, sun, scene, splits):
     wanted = settings.cascade_count + 1
     if splits.shape != (wanted,) or not np.isfinite(splits).all() or (np.diff(splits) <= 0).any():
         raise ValueError(
-            f"splits must be {wanted} ascending view depths [m] for {wanted - 1} cascades "
+            f"splits must be {wanted} ascending view depths [m], one more than cascades "
             f"(got {splits.tolist()})"
         )
     if splits[-1] <= camera.near:
