@@ -73,8 +73,8 @@ def _check_windows(settings, splits, texels):
     good = all(math.isfinite(one) and one >= 0.0 for one in texels)
     if len(texels) != count or not good:
         raise ValueError(
-            f"texels must be {count} {'length' if count == 1 else 'lengths'} [m], as settings.cascade_count is {count} "
-            f"(got {list(texels)})"
+            f"texels must be {count} {'length' if count == 1 else 'lengths'} [m], as "
+            f"settings.cascade_count is {count} (got {list(texels)})"
         )
 
 
