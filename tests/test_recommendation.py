@@ -1,8 +1,10 @@
 """Only what a scene calls for: signals against closed forms, decisions, goals, their proof."""
 
 import dataclasses
+import importlib
 import json
 import math
+from pathlib import Path
 
 import numpy as np
 import pytest
@@ -386,6 +388,30 @@ def test_verification_turns_every_decision_round(renderer, box):
     assert proof.confirmed_share == np.mean([row.confirmed for row in proof.decisions])
     assert json.loads(json.dumps(proof.to_dict()))["rows"][1]["error"] == proof.recommended.error
     assert len(str(proof).splitlines()) == len(found.reasons) + 3
+
+
+def test_tables_leave_out_what_could_not_be_turned(monkeypatch):
+    monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "benchmarks"))
+    tables = importlib.import_module("recommend_tables")
+
+    def row(effect, confirmed):
+        return {
+            "effect": effect, "taken": False, "confirmed": confirmed, "strict": confirmed,
+            "why": "so",
+        }  # fmt: skip
+
+    rows = [row("blend", None), row("snap", True), row("snap", False), row("snap", None)]
+    line = {
+        "rows": rows, "ms": 1.0, "full_ms": 2.0, "analysis_ms": 1.0, "frame_ms": 1.0,
+        "error": 0.1, "full_error": 0.1, "dark": True, "settings": {},
+    }  # fmt: skip
+    assert "| 1 of 2, 50.0%;" in "\n".join(tables.goals_table({"a": line}))
+    assert "| 1/2 |" in tables.cases_table({"a": line})[-1]
+    assert tables.effects_table({"a": line})[2:] == [
+        "| blend | 0 of 1 | 0 of 1 | 0 of 0 | 0 of 0 |",
+        "| snap | 0 of 3 | 2 of 3 | 1 of 2 | 1 of 2 |",
+    ]
+    assert tables.refuted_list({"a": line}) == ["- `snap`: a (so)"]
 
 
 def test_verification_refutes_a_wrong_decision(renderer, box):
