@@ -20,7 +20,8 @@ from csm.caster_sides import (
 from csm.coarse_look import outline_of
 from csm.decisions import TAPS
 from csm.forecasts import CostModel, Forecaster, forecast_cost
-from csm.recommendation import Reasons
+from csm.recommendation import Reasons, obstacle_of
+from csm.search import Search
 from csm.signals import measure_signals
 from csm.verification import FLICKER_FRAMES, FLICKER_POINTS, picture_error
 
@@ -197,6 +198,47 @@ def test_a_point_has_no_penumbra_and_a_still_no_lattice(renderer):
     assert found.settings.filter == "hard"
     assert found.settings.snap == "none"
     assert not found.signals.penumbra_pixels.any()
+
+
+# -- what stands in the way ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("goal", "held"),
+    [
+        ({"max_bytes": 1 << 20}, "exceed max_bytes"),
+        ({"max_bytes": 1 << 40}, "with the largest maps"),
+        ({}, "with the largest maps"),
+    ],
+    ids=["bytes", "bytes enough", "none"],
+)
+def test_obstacle_is_what_binds(renderer, box, goal, held):
+    found = csm.recommend(box, view(), csm.Sun((1, 1, 0)), max_error=0, renderer=renderer, **goal)
+    assert not found.met
+    assert found.obstacle.startswith("map_size: ")
+    assert held in found.obstacle
+
+
+def test_time_that_holds_finer_maps_back_is_named_beside_bytes_that_do_not(renderer, box):
+    """By the forecasts of this machine, whatever its speed: between its dearest and its cheapest."""
+    sun, goal = csm.Sun((1, 1, 0)), {"max_error": 0.0, "budget_ms": None, "max_bytes": 1 << 40}
+    search = Search(measure_signals(renderer, box, [view()], [sun]), box, goal, 16384)
+    every = search.candidates(CostModel())
+    search.goal["budget_ms"] = float(np.median([one.ms for one in every]))
+    chosen = search.choose(CostModel())
+    assert "finer maps exceed budget_ms" in obstacle_of(search, chosen, CostModel(), search.goal)
+
+
+def test_light_at_contacts_is_named_where_no_edge_is_to_blame(renderer):
+    room = csm.Scene([shapes.mesh("room", shapes.box((-5, 0, -5), (5, 4, 5)))])
+    camera = csm.Camera.look_at((0, 1.7, 3), (0, 1, -4), far=30, size=SIZE)
+    found = csm.recommend(
+        room, camera, csm.Sun((0.3, 1, 0.2)), max_error=1e-7, max_bytes=1 << 17, renderer=renderer
+    )
+    forecaster = Forecaster(found.signals, room)
+    assert forecaster.leak(found.settings) > 2 * forecaster.aliasing(found.settings)
+    assert found.obstacle.startswith("bias: ")
+    assert f"{100 * forecaster.leak(found.settings):.2g} %" in found.obstacle
 
 
 # -- taps and flicker ------------------------------------------------------------------------------
