@@ -162,7 +162,27 @@ def test_view_in_the_dark_is_looked_at_once(renderer, monkeypatch):
 
 #: What belongs to an effect that is off, and must not matter: by what must be off.
 BELONGS = {
-    ("filter", "hard"): {"filter_size": 9, "tap_count": 8, "disc": "vogel", "rotated": True},
+    ("filter", "hard"): {
+        "filter_size": 9,
+        "tap_count": 8,
+        "disc": "vogel",
+        "rotated": True,
+        "kernel": "world",
+        "filter_weights": "tent",
+        "filter_fetch": "taps",
+        "pcss_map": "variance",
+        "moment_format": "float16",
+        "lookup": "trilinear",
+        "anisotropy": 2,
+        "samples": 4,
+        "exponent": 9.0,
+        "negative_exponent": 3.0,
+        "log_filter": True,
+        "layer_count": 2,
+        "fourier_terms": 4,
+        "bleed_step": 0.1,
+        "bleed_power": 2.0,
+    },
     ("blend", "none"): {"blend_width": 0.4},
     ("bias", "auto"): {"constant_bias_texels": 3.0, "slope_bias": 2.0},
     ("snap", "none"): {"level_count": 16, "level_hysteresis": 2},
@@ -173,7 +193,11 @@ BELONGS = {
 }
 
 
-@pytest.mark.parametrize("sun", [HIGH, csm.Sun((0.2, -1.0, 0.1))], ids=["lit", "dark"])
+@pytest.mark.parametrize(
+    "sun",
+    [HIGH, csm.Sun((1, 1, 0), 4.0), csm.Sun((0.2, -1.0, 0.1))],
+    ids=["lit", "soft", "dark"],
+)
 def test_what_a_recommendation_leaves_out_is_absent(renderer, box, sun):
     settings = csm.recommend(box, view(), sun, renderer=renderer).settings
     expected = renderer.render(box, view(), sun, settings, outputs=("mask",))
@@ -188,7 +212,8 @@ def test_what_a_recommendation_leaves_out_is_absent(renderer, box, sun):
         assert frame.info["programs_compiled"] == 0, name
         assert frame.info["bytes"] == expected.info["bytes"], name
         assert np.array_equal(frame.mask, expected.mask), name
-    assert {"filter", "blend", "snap", "storage", "depth_range"} <= set(off)
+    assert {"blend", "snap", "storage", "depth_range"} <= set(off)
+    assert ("filter" in off) == (settings.filter != "pcss")
 
 
 def test_a_point_has_no_penumbra_and_a_still_no_lattice(renderer):
@@ -198,6 +223,50 @@ def test_a_point_has_no_penumbra_and_a_still_no_lattice(renderer):
     assert found.settings.filter == "hard"
     assert found.settings.snap == "none"
     assert not found.signals.penumbra_pixels.any()
+
+
+# -- signals --------------------------------------------------------------------------------------
+
+
+def test_signals_of_the_geometry_are_those_of_the_geometry(renderer):
+    camera = view(eye=(3, 4, 12), target=(0, 0, 0))
+    sun = csm.Sun((0, 1, 1))
+    signals = measure_signals(renderer, plane(), [camera], [sun])
+    ahead = np.array([-3, -4, -12]) / 13
+    expected = np.degrees(np.arccos(ahead @ np.array([0, 1, 1]) / np.sqrt(2)))
+    assert signals.light_view_angle_deg == pytest.approx(expected)
+    assert signals.origin_distance == pytest.approx(np.linalg.norm(camera.eye - plane().origin))
+    assert not signals.camera_moves
+    assert not signals.orthographic
+    above = csm.Camera.orthographic(
+        (0, 9, 0), (0, 0, 0), height=10, up=(0, 0, -1), far=20, size=SIZE
+    )
+    assert measure_signals(renderer, plane(), [above], [sun]).orthographic
+
+
+def test_receivers_and_casters_are_counted_for_each_cascade(renderer):
+    signals = measure_signals(renderer, plane(), [view()], [HIGH])
+    # a ground of two triangles, seen whole: every receiver in a cascade, no more drawn than there is
+    assert sum(signals.cascade_shares) == pytest.approx(1.0)
+    assert len(signals.casters) == len(signals.covers) == 4
+    assert max(signals.casters) == signals.scene_triangles == 2
+    for share, triangles in zip(signals.cascade_shares, signals.casters, strict=True):
+        assert triangles > 0 or share == 0.0
+
+
+def test_thin_casters_are_those_of_few_texels(renderer):
+    """Bars beside slabs under one sun: what the slabs' width is, bars are a fraction of a texel."""
+
+    def share(width):
+        bars = [
+            shapes.mesh(f"bar {k}", shapes.box((k - 4, 2, -4), (k - 4 + width, 2.1, 4)))
+            for k in range(8)
+        ]
+        scene = csm.Scene.merge(plane(10.0), csm.Scene(bars))
+        return measure_signals(renderer, scene, [view()], [HIGH]).thin_share
+
+    assert share(0.02) > 0.5
+    assert share(0.5) < 0.02
 
 
 # -- what stands in the way ------------------------------------------------------------------------
@@ -220,7 +289,7 @@ def test_obstacle_is_what_binds(renderer, box, goal, held):
 
 
 def test_time_that_holds_finer_maps_back_is_named_beside_bytes_that_do_not(renderer, box):
-    """By the forecasts of this machine, whatever its speed: between its dearest and its cheapest."""
+    """By forecasts alone: a budget between the dearest candidate and the cheapest."""
     sun, goal = csm.Sun((1, 1, 0)), {"max_error": 0.0, "budget_ms": None, "max_bytes": 1 << 40}
     search = Search(measure_signals(renderer, box, [view()], [sun]), box, goal, 16384)
     every = search.candidates(CostModel())
@@ -329,15 +398,19 @@ def test_windows_of_forecasts_are_those_of_frames(renderer):
 
 
 @pytest.mark.parametrize(
-    ("name", "camera", "sun"),
+    ("name", "camera", "sun", "fit", "better"),
     [
-        ("denhaag_lod2", "oblique", "winter"),
-        ("denhaag_lod2", "street", "winter"),
-        ("ms_shadow_columns", "aisle", "dueling"),
+        ("denhaag_lod2", "oblique", "winter", "sphere", "four"),
+        ("denhaag_lod2", "street", "winter", "sphere", "four"),
+        ("ms_shadow_columns", "aisle", "dueling", "sphere", "four"),
+        ("ms_shadow_columns", "aisle", "dueling", "visible", "one"),
     ],
 )
-def test_one_map_or_four_is_decided_as_measured(renderer, name, camera, sun):
-    """At equal memory, and by what is measured: nothing beats the choice by more than a tenth."""
+def test_one_map_or_four_is_decided_as_measured(renderer, name, camera, sun, fit, better):
+    """At equal memory, and by what is measured: nothing beats the choice by more than a tenth.
+
+    Of windows round what is seen, whose errors are a dozen pixels, by no more than a dozen.
+    """
     scene = load_scene(name)
     camera, sun = scene.cameras[camera].replace(size=(640, 360)), scene.suns[sun]
     truth = csm.truth(scene, camera, sun)
@@ -345,12 +418,15 @@ def test_one_map_or_four_is_decided_as_measured(renderer, name, camera, sun):
     def error(settings):
         return picture_error(renderer.render(scene, camera, sun, settings), truth)
 
-    four = csm.ShadowSettings(fit="sphere", snap="none")
+    four = csm.ShadowSettings(fit=fit, snap="none")
     one = four.replace(cascade_count=1, map_size=4096)
     forecaster = Forecaster(measure_signals(renderer, scene, [camera], [sun]), scene)
-    measured = [error(one), error(four)]
-    assert np.argmin([forecaster.error(one), forecaster.error(four)]) == np.argmin(measured)
+    forecast = {"one": forecaster.error(one), "four": forecaster.error(four)}
+    measured = {"one": error(one), "four": error(four)}
+    assert min(forecast, key=forecast.get) == min(measured, key=measured.get) == better
     found = csm.recommend(
         scene, camera, sun, max_error=0.0, max_bytes=csm.plans.map_bytes(four), renderer=renderer
     )
-    assert error(found.settings) <= 1.1 * min(measured)
+    assert error(found.settings) <= 1.1 * min(measured.values()) + (
+        1e-4 if fit == "visible" else 0.0
+    )
