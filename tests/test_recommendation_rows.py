@@ -244,9 +244,21 @@ def test_signals_of_the_geometry_are_those_of_the_geometry(renderer):
     assert measure_signals(renderer, plane(), [above], [sun]).orthographic
 
 
+def test_path_is_judged_by_its_lowest_sun_and_its_longest_range(renderer, box):
+    low, high = csm.Sun.from_compass(120, 15), csm.Sun.from_compass(120, 50)
+    alone = [measure_signals(renderer, box, [view()], [sun]) for sun in (low, high)]
+    assert alone[0].depth_span != alone[1].depth_span
+    for suns in ([low, high, high], [high, high, low]):
+        signals = measure_signals(renderer, box, [view()], suns)
+        assert signals.sun_elevation_deg == pytest.approx(15.0)
+        assert signals.depth_span == max(one.depth_span for one in alone)
+        found = csm.recommend(box, view(), suns, renderer=renderer)
+        assert found.settings.light_basis == "orthonormal"  # where the skewed one would fall back
+
+
 def test_receivers_and_casters_are_counted_for_each_cascade(renderer):
     signals = measure_signals(renderer, plane(), [view()], [HIGH])
-    # a ground of two triangles, seen whole: every receiver in a cascade, no more drawn than there is
+    # a ground of two triangles, seen whole: every receiver in a cascade, none drawn twice
     assert sum(signals.cascade_shares) == pytest.approx(1.0)
     assert len(signals.casters) == len(signals.covers) == 4
     assert max(signals.casters) == signals.scene_triangles == 2
