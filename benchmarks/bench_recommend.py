@@ -7,7 +7,7 @@ sun of the scenes of CSM_SCENES and of the made scenes; ``--only denhaag`` takes
 their name, ``--part 0/4`` every fourth, ``--processes 4`` shares them out (times then mean little).
 ``--quick`` renders only everything on and the recommendation: error and time, no decision turned
 round. ``--bytes`` compares at equal memory over the eleven views of bench_accuracy.py, ``--maps``
-one map against four; with ``--json`` they append their lines to that file, too.
+one map against four; both print the rows of their tables and write no file.
 
 benchmarks/recommend_tables.py makes the tables of docs/recommendation.md of such files.
 """

@@ -69,6 +69,22 @@ def why_missed(line):
     )
 
 
+def frames_of_analysis(line):
+    """How many frames of the recommendation the analysis took."""
+    return line["analysis_ms"] / line["frame_ms"]
+
+
+def misses(line):
+    """Which goals a case misses, and why; "" where none."""
+    told = [] if is_near(line) else [why_missed(line)]
+    if frames_of_analysis(line) >= FRAMES:
+        told.append(
+            f"analysis {line['analysis_ms']:.0f} ms, {frames_of_analysis(line):.1f} frames of "
+            f"{line['frame_ms']:.0f} ms"
+        )
+    return "; ".join(told)
+
+
 def cases_table(lines):
     """One row a case."""
     out = [
@@ -81,7 +97,7 @@ def cases_table(lines):
         out.append(
             f"| {case} | {what(line)} | {100 * line['error']:.3f} | "
             f"{100 * line['full_error']:.3f} | {line['ms'] / line['full_ms']:.2f} | {held} | "
-            f"{'' if is_near(line) else why_missed(line)} |"
+            f"{misses(line)} |"
         )
     return out
 
@@ -90,7 +106,7 @@ def goals_table(lines):
     """What was to be reached, and was."""
     rows = [row for line in lines.values() for row in turned(line)]
     ratios = [line["ms"] / line["full_ms"] for line in lines.values()]
-    spent = np.array([line["analysis_ms"] / line["frame_ms"] for line in lines.values()])
+    spent = np.array([frames_of_analysis(line) for line in lines.values()])
     out = [
         "| goal | reached |",
         "|---|---|",

@@ -430,7 +430,7 @@ def _report(search, chosen, model, scene, path, goal):
     at = Situation(search.signals, search.forecaster, chosen.settings)
     dark = chosen.settings.filter == "none"
     rows = [row for row in TABLE if not dark or row.effect == "shadows"]
-    obstacle = _obstacle(search, chosen, model, goal)
+    obstacle = obstacle_of(search, chosen, model, goal)
     view = search.signals.views[0]
     seen = np.concatenate([view.receivers, view.outline])
     fitted = fit_cascades(view.camera, view.sun, chosen.settings, scene=scene, receivers=seen)
@@ -453,27 +453,50 @@ def _report(search, chosen, model, scene, path, goal):
     )
 
 
-def _obstacle(search, chosen, model, goal):
-    """Which effect stands in the goal's way, or None."""
+def obstacle_of(search, chosen, model, goal):
+    """Which effect stands in the goal's way, or None.
+
+    Parameters
+    ----------
+    search : Search
+    chosen : Candidate
+    model : CostModel
+    goal : dict
+
+    Returns
+    -------
+    obstacle : str or None
+    """
     budget, limit = goal["budget_ms"], goal["max_error"]
     if budget is not None and chosen.ms > budget:
         maps, others = model.parts(chosen.settings, search.signals)
         what = "shadow maps" if maps > others else "the camera's view and the mask"
         return f"{what} alone take {max(maps, others):.3g} ms of {budget:g} ms (map_size, filter)"
     if limit is not None and chosen.error > limit:
-        aliasing, soft = search.forecaster.aliasing(chosen.settings), search.forecaster.penumbra()
-        if soft > aliasing and chosen.settings.filter != "none":
-            return f"filter: penumbrae leave {100.0 * soft:.2g} % with hard edges, softened in part"
-        held = "max_bytes" if goal["max_bytes"] else "budget_ms" if budget else "map_size"
-        return (
-            f"map_size: texels alone leave {100.0 * aliasing:.2g} %, "
-            f"{'and finer maps exceed ' + held if held != 'map_size' else 'with the largest maps'}"
-        )
+        return _error_obstacle(search, chosen, model, goal)
     if budget is None and limit is None and not search.forecast(chosen.settings, model).met:
         full = "everything switched on"
         what = f"map_size: {full} is forecast to gain more than the knee allows"
         return f"{what}, and finer maps exceed {'max_bytes' if goal['max_bytes'] else 'the limits'}"
     return None
+
+
+def _error_obstacle(search, chosen, model, goal):
+    """Which effect leaves more error than asked for: the largest of the forecast's three terms."""
+    settings, told = chosen.settings, search.forecaster
+    aliasing, soft, leak = told.aliasing(settings), told.penumbra(), told.leak(settings)
+    if soft > max(aliasing, leak):
+        return f"filter: penumbrae leave {100.0 * soft:.2g} % with hard edges, softened in part"
+    if leak > aliasing:
+        what = f"bias: light within a quarter texel of slope leaves {100.0 * leak:.2g} %"
+    else:
+        what = f"map_size: texels alone leave {100.0 * aliasing:.2g} %"
+    # what holds finer maps back is what rules out candidates that are more exact
+    if goal["budget_ms"] and min(c.error for c in search.candidates(model)) < chosen.error:
+        return f"{what}, and finer maps exceed budget_ms"
+    if goal["max_bytes"] and goal["max_bytes"] < search.most_bytes:
+        return f"{what}, and finer maps exceed max_bytes"
+    return f"{what}, with the largest maps"
 
 
 def _shown(reason):

@@ -103,6 +103,12 @@ class Search:
         self.forecaster = Forecaster(signals, scene)
         self._largest, self._found = largest, None
 
+    @property
+    def most_bytes(self):
+        """Bytes of the largest maps that are considered where nothing bounds them."""
+        side = max(size for size in SIZES if size <= self._largest)
+        return map_bytes(ShadowSettings(cascade_count=max(COUNTS), map_size=side))
+
     def candidates(self, model):
         """All settings that are considered, with forecasts; the rows' answers are in them."""
         if not sum(view.facing_count for view in self.signals.views):

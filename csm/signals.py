@@ -1,6 +1,6 @@
 """What a scene, seen by a camera under a sun, asks of its shadows: measured on coarse renders.
 
-Nothing is traced. Two or three frames of a quarter of the picture's width and height with small
+Nothing is traced. One to five frames of a quarter of the picture's width and height with small
 maps say where shadow edges are, how far their occluders are, how surfaces stand to the sun; what
 settings would make of that, `csm.forecasts` works out.
 """
@@ -168,8 +168,9 @@ class Signals:
         Between the view and the way to the sun; near 180 the sun is behind the camera, near 0 in
         the face of it (duelling frusta at both).
     sun_elevation_deg : float
+        Of a path the lowest.
     depth_span : float
-        Of the maps' depth range [m].
+        Of the maps' depth range [m]; the longest of all views.
     origin_distance : float
         Of the camera from the scene's origin [m].
     orthographic : bool
@@ -382,9 +383,8 @@ def _summary(scene, views, cameras, suns, sides, spent):
     counts = np.histogram(np.clip(depths, bins[0], bins[-1]), bins)[0] / max(len(depths), 1)
     near, far = np.percentile(depths, (1, 99)) if len(depths) else (1.0, 1.0)
     penumbra = np.concatenate([view.penumbra_widths() for view in views])
-    fitted = fit_cascades(
-        first.camera, first.sun, PROBE.replace(fit="sphere", cascade_count=1), scene=scene
-    )
+    one = PROBE.replace(fit="sphere", cascade_count=1)
+    fitted = [fit_cascades(view.camera, view.sun, one, scene=scene) for view in views]
     factor = float(
         np.prod([a / b for a, b in zip(first.camera.size, _coarse_size(first), strict=True)])
     )
@@ -413,8 +413,10 @@ def _summary(scene, views, cameras, suns, sides, spent):
         light_view_angle_deg=math.degrees(
             math.acos(np.clip(-first.camera.backward @ first.sun.to_light, -1.0, 1.0))
         ),
-        sun_elevation_deg=math.degrees(math.asin(np.clip(first.sun.to_light[1], -1.0, 1.0))),
-        depth_span=float(np.diff(fitted.depth_range[0])[0]),
+        sun_elevation_deg=min(
+            math.degrees(math.asin(np.clip(sun.to_light[1], -1.0, 1.0))) for sun in suns
+        ),
+        depth_span=max(float(np.diff(cascades.depth_range[0])[0]) for cascades in fitted),
         origin_distance=float(np.linalg.norm(first.camera.eye - scene.origin)),
         orthographic=first.camera.orthographic,
         camera_moves=len(cameras) > 1 and any(one != cameras[0] for one in cameras[1:]),

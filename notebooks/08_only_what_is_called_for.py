@@ -101,7 +101,7 @@ _, ax = plt.subplots(figsize=(7, 3.4), layout="constrained")
 ax.plot(costs, [100 * one.expected_error for one in answers], color=plot.CASCADE_COLOURS[0])
 ax.plot(costs, 100 * np.array(measured), "o", color=plot.CASCADE_COLOURS[1])
 ax.set(xscale="log", yscale="log", xlabel="forecast time of a frame [ms]", ylabel="error [%]")
-ax.set_title("what the next halving costs", loc="left", fontsize="medium")
+ax.set_title("what less error costs", loc="left", fontsize="medium")
 
 # %% [markdown]
 # ## Scenes that call for little
@@ -113,7 +113,9 @@ ax.set_title("what the next halving costs", loc="left", fontsize="medium")
 box = csm.scenes.plane_and_box()
 corner = csm.Camera.look_at((6, 4.5, 8), (-0.5, 0.6, 0), fov_y_deg=45, far=100, size=size)
 path = [corner.translated((0.05 * k, 0, 0)) for k in range(4)]
+plain = csm.Scene([csm.shapes.mesh("ground", csm.shapes.ground(20.0))])
 little = {
+    "plain at noon": csm.recommend(plain, corner, csm.Sun((0, 1, 0)), renderer=renderer),
     "still": csm.recommend(box, corner, csm.Sun((1, 1, 0)), renderer=renderer),
     "wide sun": csm.recommend(box, corner, csm.Sun((1, 1, 0), 4.0), renderer=renderer),
     "sun below": csm.recommend(box, corner, csm.Sun((0, -1, 0)), renderer=renderer),
@@ -122,7 +124,7 @@ little = {
 for name, one in little.items():
     s = one.settings
     maps = f"{s.cascade_count} x {s.map_size}  snap {s.snap}" if s.filter != "none" else "no map"
-    print(f"{name:10} {s.filter:5} {maps}")
+    print(f"{name:13} {s.filter:5} {maps}")
 
 # %%
 _, ax = plt.subplots(figsize=(6, 2.6), layout="constrained")

@@ -20,7 +20,8 @@ from csm.caster_sides import (
 from csm.coarse_look import outline_of
 from csm.decisions import TAPS
 from csm.forecasts import CostModel, Forecaster, forecast_cost
-from csm.recommendation import Reasons
+from csm.recommendation import Reasons, obstacle_of
+from csm.search import Search
 from csm.signals import measure_signals
 from csm.verification import FLICKER_FRAMES, FLICKER_POINTS, picture_error
 
@@ -161,7 +162,27 @@ def test_view_in_the_dark_is_looked_at_once(renderer, monkeypatch):
 
 #: What belongs to an effect that is off, and must not matter: by what must be off.
 BELONGS = {
-    ("filter", "hard"): {"filter_size": 9, "tap_count": 8, "disc": "vogel", "rotated": True},
+    ("filter", "hard"): {
+        "filter_size": 9,
+        "tap_count": 8,
+        "disc": "vogel",
+        "rotated": True,
+        "kernel": "world",
+        "filter_weights": "tent",
+        "filter_fetch": "taps",
+        "pcss_map": "variance",
+        "moment_format": "float16",
+        "lookup": "trilinear",
+        "anisotropy": 2,
+        "samples": 4,
+        "exponent": 9.0,
+        "negative_exponent": 3.0,
+        "log_filter": True,
+        "layer_count": 2,
+        "fourier_terms": 4,
+        "bleed_step": 0.1,
+        "bleed_power": 2.0,
+    },
     ("blend", "none"): {"blend_width": 0.4},
     ("bias", "auto"): {"constant_bias_texels": 3.0, "slope_bias": 2.0},
     ("snap", "none"): {"level_count": 16, "level_hysteresis": 2},
@@ -172,7 +193,11 @@ BELONGS = {
 }
 
 
-@pytest.mark.parametrize("sun", [HIGH, csm.Sun((0.2, -1.0, 0.1))], ids=["lit", "dark"])
+@pytest.mark.parametrize(
+    "sun",
+    [HIGH, csm.Sun((1, 1, 0), 4.0), csm.Sun((0.2, -1.0, 0.1))],
+    ids=["lit", "soft", "dark"],
+)
 def test_what_a_recommendation_leaves_out_is_absent(renderer, box, sun):
     settings = csm.recommend(box, view(), sun, renderer=renderer).settings
     expected = renderer.render(box, view(), sun, settings, outputs=("mask",))
@@ -187,7 +212,8 @@ def test_what_a_recommendation_leaves_out_is_absent(renderer, box, sun):
         assert frame.info["programs_compiled"] == 0, name
         assert frame.info["bytes"] == expected.info["bytes"], name
         assert np.array_equal(frame.mask, expected.mask), name
-    assert {"filter", "blend", "snap", "storage", "depth_range"} <= set(off)
+    assert {"blend", "snap", "storage", "depth_range"} <= set(off)
+    assert ("filter" in off) == (settings.filter != "pcss")
 
 
 def test_a_point_has_no_penumbra_and_a_still_no_lattice(renderer):
@@ -197,6 +223,103 @@ def test_a_point_has_no_penumbra_and_a_still_no_lattice(renderer):
     assert found.settings.filter == "hard"
     assert found.settings.snap == "none"
     assert not found.signals.penumbra_pixels.any()
+
+
+# -- signals --------------------------------------------------------------------------------------
+
+
+def test_signals_of_the_geometry_are_those_of_the_geometry(renderer):
+    camera = view(eye=(3, 4, 12), target=(0, 0, 0))
+    sun = csm.Sun((0, 1, 1))
+    signals = measure_signals(renderer, plane(), [camera], [sun])
+    ahead = np.array([-3, -4, -12]) / 13
+    expected = np.degrees(np.arccos(ahead @ np.array([0, 1, 1]) / np.sqrt(2)))
+    assert signals.light_view_angle_deg == pytest.approx(expected)
+    assert signals.origin_distance == pytest.approx(np.linalg.norm(camera.eye - plane().origin))
+    assert not signals.camera_moves
+    assert not signals.orthographic
+    above = csm.Camera.orthographic(
+        (0, 9, 0), (0, 0, 0), height=10, up=(0, 0, -1), far=20, size=SIZE
+    )
+    assert measure_signals(renderer, plane(), [above], [sun]).orthographic
+
+
+def test_path_is_judged_by_its_lowest_sun_and_its_longest_range(renderer, box):
+    low, high = csm.Sun.from_compass(120, 15), csm.Sun.from_compass(120, 50)
+    alone = [measure_signals(renderer, box, [view()], [sun]) for sun in (low, high)]
+    assert alone[0].depth_span != alone[1].depth_span
+    for suns in ([low, high, high], [high, high, low]):
+        signals = measure_signals(renderer, box, [view()], suns)
+        assert signals.sun_elevation_deg == pytest.approx(15.0)
+        assert signals.depth_span == max(one.depth_span for one in alone)
+        found = csm.recommend(box, view(), suns, renderer=renderer)
+        assert found.settings.light_basis == "orthonormal"  # where the skewed one would fall back
+
+
+def test_receivers_and_casters_are_counted_for_each_cascade(renderer):
+    signals = measure_signals(renderer, plane(), [view()], [HIGH])
+    # a ground of two triangles, seen whole: every receiver in a cascade, none drawn twice
+    assert sum(signals.cascade_shares) == pytest.approx(1.0)
+    assert len(signals.casters) == len(signals.covers) == 4
+    assert max(signals.casters) == signals.scene_triangles == 2
+    for share, triangles in zip(signals.cascade_shares, signals.casters, strict=True):
+        assert triangles > 0 or share == 0.0
+
+
+def test_thin_casters_are_those_of_few_texels(renderer):
+    """Bars beside slabs under one sun: what the slabs' width is, bars are a fraction of a texel."""
+
+    def share(width):
+        bars = [
+            shapes.mesh(f"bar {k}", shapes.box((k - 4, 2, -4), (k - 4 + width, 2.1, 4)))
+            for k in range(8)
+        ]
+        scene = csm.Scene.merge(plane(10.0), csm.Scene(bars))
+        return measure_signals(renderer, scene, [view()], [HIGH]).thin_share
+
+    assert share(0.02) > 0.5
+    assert share(0.5) < 0.02
+
+
+# -- what stands in the way ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("goal", "held"),
+    [
+        ({"max_bytes": 1 << 20}, "exceed max_bytes"),
+        ({"max_bytes": 1 << 40}, "with the largest maps"),
+        ({}, "with the largest maps"),
+    ],
+    ids=["bytes", "bytes enough", "none"],
+)
+def test_obstacle_is_what_binds(renderer, box, goal, held):
+    found = csm.recommend(box, view(), csm.Sun((1, 1, 0)), max_error=0, renderer=renderer, **goal)
+    assert not found.met
+    assert found.obstacle.startswith("map_size: ")
+    assert held in found.obstacle
+
+
+def test_time_that_holds_finer_maps_back_is_named_beside_bytes_that_do_not(renderer, box):
+    """By forecasts alone: a budget between the dearest candidate and the cheapest."""
+    sun, goal = csm.Sun((1, 1, 0)), {"max_error": 0.0, "budget_ms": None, "max_bytes": 1 << 40}
+    search = Search(measure_signals(renderer, box, [view()], [sun]), box, goal, 16384)
+    every = search.candidates(CostModel())
+    search.goal["budget_ms"] = float(np.median([one.ms for one in every]))
+    chosen = search.choose(CostModel())
+    assert "finer maps exceed budget_ms" in obstacle_of(search, chosen, CostModel(), search.goal)
+
+
+def test_light_at_contacts_is_named_where_no_edge_is_to_blame(renderer):
+    room = csm.Scene([shapes.mesh("room", shapes.box((-5, 0, -5), (5, 4, 5)))])
+    camera = csm.Camera.look_at((0, 1.7, 3), (0, 1, -4), far=30, size=SIZE)
+    found = csm.recommend(
+        room, camera, csm.Sun((0.3, 1, 0.2)), max_error=1e-7, max_bytes=1 << 17, renderer=renderer
+    )
+    forecaster = Forecaster(found.signals, room)
+    assert forecaster.leak(found.settings) > 2 * forecaster.aliasing(found.settings)
+    assert found.obstacle.startswith("bias: ")
+    assert f"{100 * forecaster.leak(found.settings):.2g} %" in found.obstacle
 
 
 # -- taps and flicker ------------------------------------------------------------------------------
@@ -287,15 +410,19 @@ def test_windows_of_forecasts_are_those_of_frames(renderer):
 
 
 @pytest.mark.parametrize(
-    ("name", "camera", "sun"),
+    ("name", "camera", "sun", "fit", "better"),
     [
-        ("denhaag_lod2", "oblique", "winter"),
-        ("denhaag_lod2", "street", "winter"),
-        ("ms_shadow_columns", "aisle", "dueling"),
+        ("denhaag_lod2", "oblique", "winter", "sphere", "four"),
+        ("denhaag_lod2", "street", "winter", "sphere", "four"),
+        ("ms_shadow_columns", "aisle", "dueling", "sphere", "four"),
+        ("ms_shadow_columns", "aisle", "dueling", "visible", "one"),
     ],
 )
-def test_one_map_or_four_is_decided_as_measured(renderer, name, camera, sun):
-    """At equal memory, and by what is measured: nothing beats the choice by more than a tenth."""
+def test_one_map_or_four_is_decided_as_measured(renderer, name, camera, sun, fit, better):
+    """At equal memory, and by what is measured: nothing beats the choice by more than a tenth.
+
+    Of windows round what is seen, whose errors are a dozen pixels, by no more than a dozen.
+    """
     scene = load_scene(name)
     camera, sun = scene.cameras[camera].replace(size=(640, 360)), scene.suns[sun]
     truth = csm.truth(scene, camera, sun)
@@ -303,12 +430,58 @@ def test_one_map_or_four_is_decided_as_measured(renderer, name, camera, sun):
     def error(settings):
         return picture_error(renderer.render(scene, camera, sun, settings), truth)
 
-    four = csm.ShadowSettings(fit="sphere", snap="none")
+    four = csm.ShadowSettings(fit=fit, snap="none")
     one = four.replace(cascade_count=1, map_size=4096)
     forecaster = Forecaster(measure_signals(renderer, scene, [camera], [sun]), scene)
-    measured = [error(one), error(four)]
-    assert np.argmin([forecaster.error(one), forecaster.error(four)]) == np.argmin(measured)
+    forecast = {"one": forecaster.error(one), "four": forecaster.error(four)}
+    measured = {"one": error(one), "four": error(four)}
+    assert min(forecast, key=forecast.get) == min(measured, key=measured.get) == better
     found = csm.recommend(
         scene, camera, sun, max_error=0.0, max_bytes=csm.plans.map_bytes(four), renderer=renderer
     )
-    assert error(found.settings) <= 1.1 * min(measured)
+    assert error(found.settings) <= 1.1 * min(measured.values()) + (
+        1e-4 if fit == "visible" else 0.0
+    )
+
+
+#: The eleven views of benchmarks/bench_accuracy.py; the first three are looked at by default.
+STILLS = (
+    ("ms_shadow_columns", "aisle", "grazing"),
+    ("sponza_dabrovic", "court", "overhead"),
+    ("denhaag_lod2", "oblique", "sunset"),
+    ("ms_shadow_columns", "top", "sample"),
+    ("ms_shadow_columns", "dueling", "dueling"),
+    ("sponza_dabrovic", "nave", "shaft"),
+    ("littlest_tokyo", "street", "morning"),
+    ("littlest_tokyo", "above", "grazing"),
+    ("dutch_ship", "deck", "side"),
+    ("denhaag_lod2", "street", "winter"),
+    ("denhaag_lod2", "oblique", "summer"),
+)
+
+
+@pytest.mark.parametrize(
+    ("count", "size"),
+    [(3, (640, 360)), pytest.param(len(STILLS), (1280, 720), marks=pytest.mark.slow)],
+    ids=["three", "all"],
+)
+def test_stills_at_equal_memory_are_as_exact_as_asked(renderer, count, size):
+    """In the bytes of 4 x 2048² D32F at most 0.3 % wrong on average, in a quarter 0.6 %."""
+    bytes_ = csm.plans.map_bytes(csm.ShadowSettings())
+    errors = []
+    for name, camera, sun in STILLS[:count]:
+        scene = load_scene(name)
+        camera, sun = scene.cameras[camera].replace(size=size), scene.suns[sun]
+        truth, line = csm.truth(scene, camera, sun), []
+        for most in (bytes_, bytes_ // 4):
+            found = csm.recommend(
+                scene, camera, sun, max_error=0.0, max_bytes=most, renderer=renderer
+            )
+            frame = renderer.render(scene, camera, sun, found.settings)
+            assert found.map_bytes <= most
+            line.append(picture_error(frame, truth))
+        errors.append(line)
+    mean = np.mean(errors, axis=0)
+    assert mean[0] <= 0.003
+    assert mean[1] <= 0.006
+    assert mean[0] < mean[1]
