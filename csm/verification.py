@@ -248,11 +248,21 @@ def _verdict(reason, ours, other, moves):
     if not reason.taken:
         return change >= -least, abs(change) <= least, f"{said} when added"
     if reason.saves:
-        saved = ours.bytes < other.bytes or ours.triangles < other.triangles
-        saved = saved or ours.maps_ms <= (1.0 + SLACK) * other.maps_ms
-        holds = saved and change >= -least
-        return holds, holds, f"saves; {said} without"
+        saved = _saved(ours, other)
+        holds = bool(saved) and change >= -least
+        return holds, holds, f"saves {saved or 'nothing'}; {said} without"
     return change > least, change > least, f"{said} when removed"
+
+
+def _saved(ours, other):
+    """What a decision spares against the same turned round, in words; "" if nothing."""
+    if ours.bytes < other.bytes:
+        return f"{(other.bytes - ours.bytes) / 1e6:.1f} MB"
+    if ours.triangles < other.triangles:
+        return f"{other.triangles - ours.triangles:,} triangles"
+    if ours.maps_ms < (1.0 - SLACK) * other.maps_ms:
+        return f"{1.0 - ours.maps_ms / other.maps_ms:.0%} of the maps' time"
+    return ""
 
 
 class _Judge:

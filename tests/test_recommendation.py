@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 import csm
-from csm import cli, shapes
+from csm import cli, shapes, verification
 from csm.decisions import TABLE, Situation
 from csm.forecasts import DISC, Forecaster
 from csm.plans import map_bytes
@@ -475,3 +475,24 @@ def test_command_prints_the_table(capsys):
     assert "goal not met" in capsys.readouterr().out
     assert cli.main([*words, "--max-error", "2"]) == 2
     assert "max_error" in capsys.readouterr().err
+
+
+def test_what_is_taken_to_save_must_save():
+    settings = csm.ShadowSettings()
+    plain = verification.Row(
+        "cull", True, settings, error=0.01, flicker=float("nan"), ms=9.0, ms_least=9.0, bytes=1000,
+        triangles=50, maps_ms=8.0,
+    )  # fmt: skip
+
+    class Reason:
+        effect, taken, saves = "cull", True, True
+
+    def verdict(**other):
+        return verification._verdict(Reason, plain, dataclasses.replace(plain, **other), False)
+
+    assert verdict() == (False, False, "saves nothing; error +0.0% without")
+    assert not verdict(maps_ms=8.2)[0], "within what times differ by anyway"
+    assert verdict(maps_ms=16.0) == (True, True, "saves 50% of the maps' time; error +0.0% without")
+    assert verdict(triangles=51)[2].startswith("saves 1 triangles")
+    assert verdict(bytes=2_001_000)[2].startswith("saves 2.0 MB")
+    assert not verdict(bytes=2000, error=0.009)[0], "it costs a tenth of the error"
