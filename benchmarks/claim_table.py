@@ -74,8 +74,10 @@ CLAIMS = (
             "skips the second lookup elsewhere pays for little more than choosing two cascades. "
             "llvmpipe, a rasteriser on the CPU, gains nothing by the branch: with it the mask "
             "costs about what it costs without (next claim), even in a view that has no "
-            "transition at all, as of a driver that runs both sides under a mask. The 15 % are a "
-            "claim about GPUs that branch."
+            "transition at all, as of a driver that runs both sides under a mask. An H200 does "
+            "branch: it takes 0.046 ms with the branch, 0.054 without, 0.027 without blending "
+            "(8 taps). What is left of the increase is finding a point's place in its cascade, "
+            "which next to so few taps is no small part; of a whole frame it is 1 to 4 %."
         ),
         timed=True,
     ),

@@ -16,6 +16,7 @@ from bench_recommend import case_names, read, scenes
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "recommendation.md"
 RELATIVE, ABSOLUTE = 0.05, 5e-4  # how far from everything on
+SHOWN = 3  # refuted cases of an effect that are named
 FRAMES = 3  # of the recommendation, that the analysis may take
 MARKS = ("<!-- {}: benchmarks/recommend_tables.py -->", "<!-- end of {} -->")
 
@@ -74,10 +75,10 @@ def frames_of_analysis(line):
     return line["analysis_ms"] / line["frame_ms"]
 
 
-def misses(line):
-    """Which goals a case misses, and why; "" where none."""
+def misses(line, analysis=True):
+    """Which goals a case misses, and why; "" where none. The analysis only if that is asked for."""
     told = [] if is_near(line) else [why_missed(line)]
-    if frames_of_analysis(line) >= FRAMES:
+    if analysis and frames_of_analysis(line) >= FRAMES:
         told.append(
             f"analysis {line['analysis_ms']:.0f} ms, {frames_of_analysis(line):.1f} frames of "
             f"{line['frame_ms']:.0f} ms"
@@ -86,7 +87,8 @@ def misses(line):
 
 
 def cases_table(lines):
-    """One row a case."""
+    """One row a case; where most take a long analysis, the table of goals says so once."""
+    slow = sum(frames_of_analysis(line) >= FRAMES for line in lines.values())
     out = [
         "| case | recommended | error % | everything on % | time | confirmed | misses |",
         "|---|---|---|---|---|---|---|",
@@ -97,7 +99,7 @@ def cases_table(lines):
         out.append(
             f"| {case} | {what(line)} | {100 * line['error']:.3f} | "
             f"{100 * line['full_error']:.3f} | {line['ms'] / line['full_ms']:.2f} | {held} | "
-            f"{misses(line)} |"
+            f"{misses(line, analysis=2 * slow < len(lines))} |"
         )
     return out
 
@@ -126,7 +128,9 @@ def goals_table(lines):
     out.append(
         "| the analysis costs less than three frames of the recommendation | "
         f"{np.count_nonzero(spent < FRAMES)} of {len(spent)}; median {np.median(spent):.1f}, at "
-        f"most {spent.max():.1f} |"
+        f"most {spent.max():.1f}; "
+        f"{np.median([line['analysis_ms'] for line in lines.values()]):.0f} ms beside frames of "
+        f"{np.median([line['frame_ms'] for line in lines.values()]):.0f} ms |"
     )
     return out
 
@@ -152,13 +156,19 @@ def effects_table(lines):
 
 
 def refuted_list(lines):
-    """What was refuted, by effect."""
+    """What was refuted by effect, the cases where turning it round gains most first."""
     by_effect = {}
     for case, line in sorted(lines.items()):
         for row in line.get("rows", []):
             if row["confirmed"] is False:
-                by_effect.setdefault(row["effect"], []).append(f"{case} ({row['why']})")
-    return [f"- `{effect}`: {'; '.join(cases)}" for effect, cases in by_effect.items()] or ["None."]
+                found = (row["error"] - line["error"], f"{case} ({row['why']})")
+                by_effect.setdefault(row["effect"], []).append(found)
+    out = []
+    for effect, cases in by_effect.items():
+        shown = [text for _, text in sorted(cases)[:SHOWN]]
+        more = f"; and {len(cases) - len(shown)} more" if len(cases) > len(shown) else ""
+        out.append(f"- `{effect}`, {len(cases)}: {'; '.join(shown)}{more}")
+    return out or ["None."]
 
 
 def machines(lines):
