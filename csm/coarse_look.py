@@ -9,6 +9,7 @@ __all__ = [
     "blockers_of",
     "edges_of",
     "gaps_of",
+    "layered_share_of",
     "outline_of",
     "positions_of",
     "thin_share_of",
@@ -17,7 +18,7 @@ __all__ = [
 EDGES = 3000  # places of edges that forecasts look at; the others count through these
 THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin
 DIRECTIONS, SLICES = 16, 12  # in which, and of depth, the outermost points are kept
-LAYER_RATIO = 2.0  # occluders whose distances from a receiver differ by this are layers
+LAYERS_BLEED = 0.1  # share of the light that layers of occluders let into a variance map
 
 
 def positions_of(camera, view_depth, rows, columns):
@@ -115,44 +116,76 @@ def gaps_of(frame, points, rows, columns):
     dark = frame.mask[rows, columns] < LIT
     for i in range(frame.cascades.count):
         on = np.flatnonzero(dark & (index == i))
-        size = frame.shadow_maps[i].shape[0]
-        uvz = transform_points(frame.cascades.uvz_from_world[i], points[on])
-        u, v = np.clip((uvz[:, :2] * size).astype(int), 0, size - 1).T
-        span = float(np.diff(frame.cascades.depth_range[i])[0])
-        gap = (uvz[:, 2] - frame.shadow_maps[i][v, u]) * span
+        gap = _gaps_around(frame, i, points[on], 0)[:, 0]
         # dark by the plane at the texel's centre alone: how near the occluder is, is not known
         gaps[on] = np.where(gap > 0.0, gap, np.inf)
     return gaps
 
 
 def blockers_of(frame, edges):
-    """Occluders' distances [m] at the dark side of edges, and the share with layers of them."""
-    cascades = frame.cascades
+    """Occluders' distances [m] at the dark side of edges."""
     distances = np.zeros(len(edges["rows"]))
-    layered = 0
     index = frame.cascade_index[edges["rows"], edges["columns"]]
-    for i in range(cascades.count):
+    for i in range(frame.cascades.count):
         on = np.flatnonzero(index == i)
         if not len(on):
             continue
-        depths = frame.shadow_maps[i]
-        size = depths.shape[0]
-        uvz = transform_points(cascades.uvz_from_world[i], edges["point"][on])
-        texel = np.clip((uvz[:, :2] * size).astype(int), 1, size - 2)
-        around = np.stack(
-            [depths[texel[:, 1] + dv, texel[:, 0] + du] for dv in (-1, 0, 1) for du in (-1, 0, 1)],
-            axis=1,
-        ).astype(np.float64)
-        span = float(np.diff(cascades.depth_range[i])[0])
-        gap = (uvz[:, 2:] - around) * span
-        t = float(cascades.texel_size[i].max())
+        gap = _gaps_around(frame, i, edges["point"][on], 1)
+        t = float(frame.cascades.texel_size[i].max())
         gap = np.where(gap > 0.5 * t, gap, np.nan)  # nearer ones are the surface itself
         with np.errstate(all="ignore"):
             near = np.where(np.isnan(gap).all(axis=1), 0.0, _nan_min(gap))
             far = np.where(np.isnan(gap).all(axis=1), 0.0, -_nan_min(-gap))
         distances[on] = np.where(near > 0.0, 0.5 * (near + far), 0.5 * t)
-        layered += int(np.count_nonzero(far > LAYER_RATIO * np.maximum(near, 2.0 * t)))
-    return distances, layered / max(len(distances), 1)
+    return distances
+
+
+def layered_share_of(frame, points, rows, columns):
+    """Share of receivers in full shadow that a variance map would light by more than a tenth.
+
+    In full shadow are those before which all 5 x 5 texels of the coarse map hold an occluder.
+    Whatever the depths z of these are, no light comes through; by their mean and variance alone
+    ``var / (var + (receiver - mean)²)`` may [Lauritzen2007]. One sheet across the light has no
+    variance. Two layers, a half of the kernel each, give a tenth where one is twice as far from
+    the receiver as the other: var = (g/2)² and mean 3g/2 before it.
+
+    Parameters
+    ----------
+    frame : Frame
+        With its maps and the picture's cascades.
+    points : (m, 3) float64
+        Receivers, in the world.
+    rows, columns : (m,) int
+        Their pixels.
+
+    Returns
+    -------
+    share : float
+        0 where nothing is in full shadow.
+    """
+    full = layered = 0
+    index = frame.cascade_index[rows, columns]
+    for i in range(frame.cascades.count):
+        gap = _gaps_around(frame, i, points[index == i], 2)
+        t = float(frame.cascades.texel_size[i].max())
+        gap = gap[(gap > 0.5 * t).all(axis=1)]  # nearer ones are the surface itself
+        variance = gap.var(axis=1)
+        full += len(gap)
+        bleeds = variance > LAYERS_BLEED * (variance + gap.mean(axis=1) ** 2)
+        layered += int(np.count_nonzero(bleeds))
+    return layered / max(full, 1)
+
+
+def _gaps_around(frame, cascade, points, reach):
+    """Distance [m] (m, k) from points to what a map holds before them, within a reach [texels]."""
+    depths = frame.shadow_maps[cascade]
+    size = depths.shape[0]
+    uvz = transform_points(frame.cascades.uvz_from_world[cascade], points)
+    u, v = np.clip((uvz[:, :2] * size).astype(int), reach, size - 1 - reach).T
+    steps = range(-reach, reach + 1)
+    around = np.stack([depths[v + dv, u + du] for dv in steps for du in steps], axis=1)
+    span = float(np.diff(frame.cascades.depth_range[cascade])[0])
+    return (uvz[:, 2:] - around.astype(np.float64)) * span
 
 
 def _nan_min(values):

@@ -424,7 +424,8 @@ TABLE = (
         taken=lambda at: at.settings.filter not in ("hard", "none"),
         measured=lambda at: (
             f"penumbra {at.signals.penumbra_pixels[0]:.2g} px, 99 % below "
-            f"{at.signals.penumbra_pixels[2]:.2g} px"
+            f"{at.signals.penumbra_pixels[2]:.2g} px; a variance map would light "
+            f"{_percent(at.signals.layered_share)} of full shadow"
         ),
         flipped=lambda at: _other_filter(at),
     ),

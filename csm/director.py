@@ -89,7 +89,7 @@ class Director:
     at both places, and `patience` counts twofold from then on: a path that goes to and fro across
     the boundary of two choices does not change them to and fro.
 
-    Under `budget_ms` only the first look times frames of its own, up to sixteen of them. Every
+    Under `budget_ms` only the first look times frames of its own, up to 24 of them. Every
     later one forecasts by what the frames since the last one took, of maps those that were drawn
     whole, and costs what a look without a budget costs.
 

@@ -345,9 +345,10 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
         Share, on the larger of disagreement and mean absolute error: the cheapest settings whose
         forecast reaches it.
     budget_ms : float, optional
-        Milliseconds of a whole frame on this machine: the best settings within it. Frames are
-        timed for it, so two runs may choose otherwise; without it nothing depends on time, and the
-        same input on the same driver gives the same recommendation.
+        Milliseconds of a whole frame on this machine: the best settings that were timed to lie
+        within it. For it at most 24 frames are rendered, four of each of at most six settings, so
+        two runs may choose otherwise; without it nothing depends on time, and the same input on
+        the same driver gives the same recommendation.
     max_bytes : int, optional
         Of the shadow maps: nothing larger is considered.
     renderer : Renderer, optional

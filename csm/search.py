@@ -154,11 +154,31 @@ class Search:
         expected = self.forecaster.expected(settings, size, changes.get("filter_size"))
         return Candidate(settings, size, expected.error, 0.0, changes, expected)
 
-    def choose(self, model):
-        """The candidate that the goal asks for."""
+    def choose(self, model, reach=None, without=()):
+        """The candidate that the goal asks for.
+
+        Parameters
+        ----------
+        model : CostModel
+        reach : float, optional
+            Forecast [ms] up to which candidates are within ``budget_ms``, by default that itself.
+        without : sequence of ShadowSettings
+            That are not within it, whatever is forecast.
+
+        Returns
+        -------
+        candidate : Candidate
+            Where none is within the budget, the cheapest.
+        """
         every = self.candidates(model)
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
-        affordable = [c for c in every if budget is None or c.ms <= budget]
+        reach = budget if reach is None else reach
+        affordable = [c for c in every if budget is None or c.ms <= reach]
+        if without:
+            sizes = {one.map_size for one in without}  # settings are made of few candidates
+            affordable = [
+                c for c in affordable if c.map_size not in sizes or c.settings not in without
+            ]
         if not affordable:
             return min(every, key=lambda c: (c.ms, c.error))
         if limit is not None:

@@ -12,7 +12,15 @@ import numpy as np
 
 from .cascades import fit_cascades
 from .caster_sides import Sides, measure_sides
-from .coarse_look import blockers_of, edges_of, gaps_of, outline_of, positions_of, thin_share_of
+from .coarse_look import (
+    blockers_of,
+    edges_of,
+    gaps_of,
+    layered_share_of,
+    outline_of,
+    positions_of,
+    thin_share_of,
+)
 from .horizons import ends_of, horizon_of
 from .sampling import LIT, NO_CASCADE, surface_steps
 from .settings import ShadowSettings
@@ -68,7 +76,7 @@ class View:
     blocker_distances : (e,) float64
         From the receiver to its occluder along the light [m].
     thin_share, layered_share : float
-        Of the casters' texels in the coarse maps; of the edges.
+        Of the casters' texels in the coarse maps; of the receivers in full shadow.
     triangles : tuple of int
         Drawn for each of the coarse maps.
     covers : tuple of float
@@ -162,8 +170,8 @@ class Signals:
     thin_share : float
         Of casters' texels in maps of 512² that belong to casters at most two texels wide.
     layered_share : float
-        Of shadow edges near which occluders lie at distances that differ by a factor of two: light
-        bleeds there under variance shadow maps.
+        Of receivers in full shadow over which occluders lie in layers, such as two of which one is
+        twice as far: more than a tenth of the light bleeds there under variance shadow maps.
     light_view_angle_deg : float
         Between the view and the way to the sun; near 180 the sun is behind the camera, near 0 in
         the face of it (duelling frusta at both).
@@ -329,7 +337,6 @@ def _look(renderer, scene, camera, sun, spent):
     cosine = np.clip(normals @ sun.to_light, FACING, 1.0)
     in_light = np.abs(normals @ frame.cascades.light_from_world[0][:2, :3].T)
     edges = edges_of(small, frame, judged, lit, shrink)
-    distances, layered = blockers_of(frame, edges)
     index = frame.cascade_index[facing]
     return View(
         camera=camera,
@@ -348,9 +355,9 @@ def _look(renderer, scene, camera, sun, spent):
         edge_normals=frozen(edges["normal"]),
         edge_across=frozen(edges["across"]),
         edge_lengths=frozen(edges["length"]),
-        blocker_distances=frozen(distances),
+        blocker_distances=frozen(blockers_of(frame, edges)),
         thin_share=thin_share_of(frame),
-        layered_share=float(layered),
+        layered_share=layered_share_of(frame, receivers, rows, columns),
         triangles=tuple(int(n) for n in frame.info["triangles_drawn"]),
         covers=tuple(float(np.mean(depths < 1.0)) for depths in frame.shadow_maps),
         needless_chunks=int(sum(frame.info["chunks_culled_exclusive"])),

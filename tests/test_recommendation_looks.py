@@ -197,3 +197,42 @@ def test_a_kernel_of_everything_on_excuses_no_coarser_texels(renderer):
     assert found.forecast(found.settings).met
     coarser = found.settings.replace(map_size=found.settings.map_size // 2)
     assert not found.forecast(coarser).met
+
+
+# -- layers of occluders ---------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("sun", [csm.Sun((0, 1, 0)), csm.Sun((0.3, 1, 0.2))], ids=["zenith", "low"])
+@pytest.mark.parametrize(
+    ("sheet_top", "slats_top", "bleeds"),
+    [
+        (None, None, False),
+        (1.5, None, False),
+        (None, 6.0, False),  # between slats light falls in: that is no full shadow
+        (1.5, 1.8 * 1.5, False),
+        (1.5, 2.1 * 1.5, True),
+        (1.5, 6.0, True),
+    ],
+    ids=["plain", "sheet", "slats", "near", "twice", "far"],
+)
+def test_layers_are_occluders_of_which_one_is_twice_as_far(
+    renderer, sun, sheet_top, slats_top, bleeds
+):
+    """The most that shares of a kernel let in, (r-1)²/(r+1)², is a tenth at heights of r = 1.92.
+
+    Slanting light adds the slope of the sheet within the kernel, 2 % of its height.
+    """
+    parts = [shapes.mesh("ground", shapes.ground(10.0))]
+    if sheet_top is not None:
+        top = shapes.box((-3, sheet_top - 0.02, -3), (3, sheet_top, 3))
+        parts.append(shapes.mesh("sheet", top))
+    if slats_top is not None:
+        slats = [
+            shapes.box((x - 0.3, slats_top - 0.02, -3), (x + 0.3, slats_top, 3))
+            for x in np.linspace(-2.4, 2.4, 5)
+        ]
+        parts.append(shapes.mesh("slats", *slats))
+    camera = csm.Camera.look_at((0, 1, 9), (0, 0, 0), fov_y_deg=45, far=100, size=SIZE)
+    found = measure_signals(renderer, csm.Scene(parts), (camera,), (sun,))
+    # ten edges, four texels of about 3 cm each, of 6 m: a fifth; slanting light meets fewer
+    assert (found.layered_share > 0.05) if bleeds else (found.layered_share == 0.0)
