@@ -394,10 +394,10 @@ def test_tables_leave_out_what_could_not_be_turned(monkeypatch):
     monkeypatch.syspath_prepend(str(Path(__file__).resolve().parents[1] / "benchmarks"))
     tables = importlib.import_module("recommend_tables")
 
-    def row(effect, confirmed):
+    def row(effect, confirmed, error=0.1):
         return {
             "effect": effect, "taken": False, "confirmed": confirmed, "strict": confirmed,
-            "why": "so",
+            "error": error, "why": f"{error:g}",
         }  # fmt: skip
 
     rows = [row("blend", None), row("snap", True), row("snap", False), row("snap", None)]
@@ -411,7 +411,13 @@ def test_tables_leave_out_what_could_not_be_turned(monkeypatch):
         "| blend | 0 of 1 | 0 of 1 | 0 of 0 | 0 of 0 |",
         "| snap | 0 of 3 | 2 of 3 | 1 of 2 | 1 of 2 |",
     ]
-    assert tables.refuted_list({"a": line}) == ["- `snap`: a (so)"]
+    assert tables.refuted_list({"a": line}) == ["- `snap`, 1: a (0.1)"]
+    lines = {
+        name: {**line, "rows": [row("snap", False, error)]}
+        for name, error in (("a", 0.09), ("b", 0.05), ("c", 0.08), ("d", 0.2))
+    }
+    gains_most_first = "- `snap`, 4: b (0.05); c (0.08); a (0.09); and 1 more"
+    assert tables.refuted_list(lines) == [gains_most_first]
 
 
 def test_verification_refutes_a_wrong_decision(renderer, box):
