@@ -151,7 +151,7 @@ def choose_timed(search, times_of):
             break
         fits = any(point.candidate.ms <= budget for point in points)
         model = _fitted(points, search.signals)
-        reaches = _reaches(points, search.signals, model, budget)
+        reaches = _reaches(points, search, model)
         if len(points) == ROUNDS - 1 and not fits:
             reaches = (0.0,)  # which nothing lies within: the cheapest is chosen
         missed = [point.candidate.settings for point in points if point.candidate.ms > budget]
@@ -191,7 +191,7 @@ def _fitted(points, signals):
     return model.scaled(others, SOURCE).with_maps(maps / others)
 
 
-def _reaches(points, signals, model, budget):
+def _reaches(points, search, model):
     """Forecasts [ms] at which the budget is expected to be used up: two, in order of trial.
 
     Two factors do not fit every setting. So the budget is taken to forecasts by what was timed on
@@ -199,10 +199,12 @@ def _reaches(points, signals, model, budget):
     power law (straight between logarithms); where there is one side alone, by its ratio. If one of
     the two sides is an outlier, the fitted model knows better: what it says itself, but no more
     than was timed not to fit. The lesser of the two is tried after a miss, the greater after what
-    fitted.
+    fitted. After n misses in a row the way from the dearest that fitted (or the cheapest of all)
+    is gone by its n-th part alone: what misses by a little each time must not use up the rounds.
     """
+    budget = search.goal["budget_ms"]
     known = [
-        (forecast_cost(point.candidate.settings, signals, model), point.candidate.ms)
+        (forecast_cost(point.candidate.settings, search.signals, model), point.candidate.ms)
         for point in points
     ]
     low = max((one for one in known if one[1] <= budget), default=None)
@@ -215,4 +217,8 @@ def _reaches(points, signals, model, budget):
         share = math.log(budget / low[1]) / math.log(high[1] / low[1])
         reach = low[0] * (high[0] / low[0]) ** share
     reaches = reach, max(reach, budget if high is None else min(budget, high[0]))
-    return reaches if known[-1][1] > budget else reaches[::-1]
+    row = next((n for n, one in enumerate(reversed(known)) if one[1] <= budget), len(known))
+    if not row:
+        return reaches[::-1]
+    least = min(one.ms for one in search.candidates(model)) if low is None else low[0]
+    return (least * (reach / least) ** (1.0 / row) if reach > least else reach), reaches[1]

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import csm
-from csm.budgets import ROUNDS, TIMED, _fitted, _timed, choose_timed, within_budget
+from csm.budgets import ROUNDS, TIMED, _fitted, _reaches, _timed, choose_timed, within_budget
 from csm.forecasts import CostModel, forecast_cost
 from csm.search import STEPS, Search
 from csm.signals import measure_signals
@@ -117,6 +117,24 @@ def test_slow_outlier_costs_what_it_hits_and_a_step(search_for, at, share):
     assert sum(machine.parts(chosen.settings)) <= budget
     hit = machine.settings[at : at + 1]
     assert chosen.error <= STEP * machine.best(budget, hit)
+
+
+def test_misses_in_a_row_shorten_the_way_from_what_fitted(search_for):
+    """On a busy machine frames missed by 1 % until the rounds were over: 1 x 256² was left."""
+    budget = 20.0
+    search, model = search_for(budget), CostModel()
+    every = sorted(search.candidates(model), key=lambda one: one.ms)
+    low, high = (
+        _timed(one, search.signals, lambda _, ms=ms: [(0.5 * ms, 0.5 * ms)])
+        for one, ms in ((every[0], 10.0), (every[-1], 40.0))
+    )
+    least, most = every[0].ms, every[-1].ms
+    for row in (1, 2, 3):
+        reach, _ = _reaches([low] + row * [high], search, model)
+        assert reach == pytest.approx(least * (most / least) ** (0.5 / row))  # 10 ms, 20, 40
+        assert least < reach < most
+    reach, _ = _reaches([high, low], search, model)
+    assert reach >= least * (most / least) ** 0.5
 
 
 @pytest.mark.parametrize("seed", range(12))
