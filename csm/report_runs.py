@@ -24,7 +24,7 @@ SWEPT = 0.8  # of the work, roughly, is the sweep
 
 CROP = (96, 96)  # height and width of the spot [px]
 KEPT = 0.9  # of the error in the best crop, that one with the error in its middle must keep
-FRAMES = 6  # of the path that flicker is taken from
+FRAMES = 5  # of the path that flicker is taken from
 STEP_SHARE = 4e-3  # of the median depth seen, that the camera goes sideways from frame to frame
 TURN_DEG = 0.05
 POINTS = 4000
