@@ -5,7 +5,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from .cascades import fit_cascades
-from .sampling import surface_steps, uv_gradients
+from .sampling import mean_displacement, surface_steps, uv_gradients
 from .spaces import transform_points
 
 __all__ = ["LEFT_OUT", "Arranged", "arrange"]
@@ -72,8 +72,7 @@ def arrange(view, wide, settings, scene):
     steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
     across = np.abs(np.einsum("ea,eak->ek", view.edge_across, steps))
     reach = np.linalg.norm(across, axis=1)  # of a disc one map wide: an ellipse in the picture
-    least, most = across.min(axis=1), across.max(axis=1)
-    moved = most / 4.0 + least**2 / (12.0 * np.maximum(most, 1e-12))
+    moved = mean_displacement(across)
     wanted = _narrowest(reach, wide, view.edge_lengths)
     return Arranged(moved, reach, cascade, bias, taken, windows, wanted)
 

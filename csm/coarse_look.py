@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from .sampling import LIT
+from .sampling import LIT, edge_slopes
 from .spaces import transform_points
 
 __all__ = [
@@ -63,12 +63,7 @@ def outline_of(points, depths, light_axes):
 
 def edges_of(camera, frame, judged, lit, shrink):
     """Places of neighbouring judged pixels on different sides of 0.5."""
-    smooth = _smoothed(lit.astype(np.float64))
-    # along a side of one pixel nothing changes, and there is nothing to take a difference of
-    slope_y, slope_x = (
-        np.gradient(smooth, axis=axis) if smooth.shape[axis] > 1 else np.zeros_like(smooth)
-        for axis in (0, 1)
-    )
+    slope_x, slope_y = edge_slopes(lit)
     parts = []
     for axis, (one, other) in enumerate(
         (
@@ -100,13 +95,6 @@ def edges_of(camera, frame, judged, lit, shrink):
         "across": across,
         "length": length,
     }
-
-
-def _smoothed(values):
-    """Binomial mean over 5 x 5 pixels: the direction of an edge of pixels, not of a stair."""
-    padded = np.pad(values, 2, mode="edge")
-    rows = sum(w * padded[k : k + values.shape[0]] for k, w in enumerate((1, 4, 6, 4, 1)))
-    return sum(w * rows[:, k : k + values.shape[1]] for k, w in enumerate((1, 4, 6, 4, 1))) / 256.0
 
 
 def gaps_of(frame, points, rows, columns):

@@ -18,13 +18,13 @@ from .disc import SOFT_RAYS
 from .formats import named
 from .hard_cases import kept_rows
 from .progress import Progress
-from .report_runs import chosen_techniques, sweep_techniques
+from .report_runs import sweep_techniques
 from .reports import report
 from .scenes import SCENES
 from .spaces import as_whole
 from .sun import Sun
 from .sweeps import MOST_REPEATS
-from .techniques import FAMILIES
+from .techniques import FAMILIES, settings_by_name
 
 __all__ = ["REPORT_EXAMPLES", "REPORT_HELP", "add_report_options", "run_report"]
 
@@ -156,7 +156,7 @@ def run_report(options):
     if options.families is not None:
         families = [one.strip() for one in options.families.split(",")]
     with named("--families"):
-        techniques = chosen_techniques(families)
+        techniques = settings_by_name(families)
     repeats = as_whole("--repeats", options.repeats, 1, MOST_REPEATS)
     if options.sun_diameter is not None:
         with named("--sun-diameter"):

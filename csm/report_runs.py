@@ -12,7 +12,7 @@ from .renderer import Renderer
 from .settings import ShadowSettings
 from .sweep_cases import cases_of
 from .sweeps import TRUTHS, sweep
-from .techniques import BASELINE, FAMILIES, TECHNIQUES, settings_by_name
+from .techniques import BASELINE, settings_by_name
 from .truth_cache import cached_truth
 
 __all__ = ["crop_place", "sweep_techniques", "with_crops_and_flicker"]
@@ -168,7 +168,7 @@ def sweep_techniques(
     (1, True)
     """
     tell = progress or (lambda share: None)
-    techniques = chosen_techniques(families)
+    techniques = settings_by_name(families)
     known = cases_of(cases, size)
     dataset = sweep(
         cases,
@@ -193,36 +193,6 @@ def sweep_techniques(
         backend=backend,
         advance=lambda share: tell(SWEPT + (1.0 - SWEPT) * share),
     )
-
-
-def chosen_techniques(families=None):
-    """Settings of the techniques of some families, or of all.
-
-    Parameters
-    ----------
-    families : sequence of str, optional
-        The baseline is always among them.
-
-    Returns
-    -------
-    settings : dict of str to dict
-
-    Raises
-    ------
-    TypeError, ValueError
-        If it is a text, or a name is no family.
-    """
-    if isinstance(families, str):
-        raise TypeError(f"families must be a sequence of names (got the string {families!r})")
-    names = FAMILIES if families is None else tuple(families)
-    for name in names:
-        if name not in FAMILIES:
-            raise ValueError(f"families may name {', '.join(FAMILIES)} (got {name!r})")
-    return {
-        one.name: dict(one.settings)
-        for number, one in enumerate(TECHNIQUES)
-        if one.family in names or number == 0
-    }
 
 
 def with_crops_and_flicker(

@@ -6,8 +6,10 @@ import numpy as np
 
 __all__ = [
     "EdgeYardstick",
+    "edge_slopes",
     "edges_to_expect",
     "expected_aliasing",
+    "mean_displacement",
     "output_of",
     "pixels_per_texel",
     "surface_steps",
@@ -224,7 +226,7 @@ def expected_aliasing(frame, truth, judged):
         return float("nan")
     lit = np.asarray(truth.mask_point) >= LIT
     jacobian = pixels_per_texel(frame, truth)
-    slope_y, slope_x = np.gradient(_smoothed(lit.astype(float)))
+    slope_x, slope_y = edge_slopes(lit)
     expected = 0.0
     for one, other, axis in (
         (np.s_[:, :-1], np.s_[:, 1:], 0),
@@ -235,12 +237,46 @@ def expected_aliasing(frame, truth, judged):
         length = np.linalg.norm(normal, axis=-1, keepdims=True)
         normal /= np.where(length > 0.0, length, 1.0)
         taken = 0.5 * (jacobian[one] + jacobian[other])[edge]
-        texels = np.sort(np.abs(np.einsum("ma,mak->mk", normal, taken)), axis=1)
-        least, most = texels.T
-        with np.errstate(divide="ignore", invalid="ignore"):
-            mean = np.where(most > 0.0, most / 4.0 + least**2 / (12.0 * most), 0.0)
+        mean = mean_displacement(np.abs(np.einsum("ma,mak->mk", normal, taken)))
         expected += float((mean * np.abs(normal[:, axis])).sum())
     return expected / count
+
+
+def mean_displacement(across):
+    """Mean of ``|a . d|`` for d uniform over a texel's square: how far an edge is displaced.
+
+    Parameters
+    ----------
+    across : (m, 2) float64
+        ``|a_u|`` and ``|a_v|``: the edge's direction taken back to texels.
+
+    Returns
+    -------
+    mean : (m,) float64
+        ``max / 4 + min² / (12 max)``.
+    """
+    least, most = across.min(axis=1), across.max(axis=1)
+    return most / 4.0 + least**2 / (12.0 * np.maximum(most, 1e-12))
+
+
+def edge_slopes(lit):
+    """Which way it gets lighter at every pixel, smoothed over 5 x 5 of them.
+
+    Parameters
+    ----------
+    lit : (h, w) bool
+
+    Returns
+    -------
+    slope_x, slope_y : (h, w) float64
+        Along columns and rows; 0 along a side of one pixel, where nothing changes.
+    """
+    smooth = _smoothed(lit.astype(np.float64))
+    slope_y, slope_x = (
+        np.gradient(smooth, axis=axis) if smooth.shape[axis] > 1 else np.zeros_like(smooth)
+        for axis in (0, 1)
+    )
+    return slope_x, slope_y
 
 
 def _smoothed(values):

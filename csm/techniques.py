@@ -151,11 +151,31 @@ TECHNIQUES = tuple(
 )
 
 
-def settings_by_name():
-    """Settings of every technique: what `csm.sweep` takes as an axis ``technique``.
+def settings_by_name(families=None):
+    """Settings of the techniques: what `csm.sweep` takes as an axis ``technique``.
+
+    Parameters
+    ----------
+    families : sequence of str, optional
+        Only those of these families and the baseline, which is always among them.
 
     Returns
     -------
     settings : dict of str to dict
+
+    Raises
+    ------
+    TypeError, ValueError
+        If it is a text, or a name is no family.
     """
-    return {technique.name: dict(technique.settings) for technique in TECHNIQUES}
+    if isinstance(families, str):
+        raise TypeError(f"families must be a sequence of names (got the string {families!r})")
+    names = FAMILIES if families is None else tuple(families)
+    for name in names:
+        if name not in FAMILIES:
+            raise ValueError(f"families may name {', '.join(FAMILIES)} (got {name!r})")
+    return {
+        one.name: dict(one.settings)
+        for one in TECHNIQUES
+        if one.family in names or one.name == BASELINE
+    }

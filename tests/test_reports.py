@@ -11,9 +11,9 @@ import csm
 from csm import cli, report_command
 from csm.hard_cases import CASES, RECORDS
 from csm.report_pictures import crop_picture, error_crop_picture, front_picture
-from csm.report_runs import CROP, chosen_techniques, crop_place, path_of, with_crops_and_flicker
+from csm.report_runs import CROP, crop_place, path_of, with_crops_and_flicker
 from csm.report_tables import against_baseline
-from csm.techniques import BASELINE, FAMILIES
+from csm.techniques import BASELINE, FAMILIES, settings_by_name
 
 xarray = pytest.importorskip("xarray", reason="reports are made of datasets (extra: sweep)")
 pytest.importorskip("matplotlib", reason="reports draw (extra: plot)").use("Agg")
@@ -270,12 +270,12 @@ def test_where_nothing_is_seen_is_not_light():
 
 
 def test_families_choose_techniques():
-    assert set(chosen_techniques(["soft"])) == {
+    assert set(settings_by_name(["soft"])) == {
         BASELINE, "pcss", "pcss, vogel rotated", "pcss by variance", "pcss by summed areas",
     }  # fmt: skip
-    assert len(chosen_techniques(None)) >= 60
+    assert len(settings_by_name(None)) >= 60
     with pytest.raises(ValueError, match=rf"{FAMILIES[0]}.*'sofd'"):
-        chosen_techniques(["sofd"])
+        settings_by_name(["sofd"])
 
 
 def test_what_never_errs_is_drawn_too():
