@@ -13,7 +13,7 @@ import numpy as np
 
 from .budgets import corrected, frame_times
 from .cascades import check_kinds
-from .director_report import DirectorReport, Look
+from .director_report import ACTIONS, DirectorReport, Look
 from .errors import ContextError
 from .plans import DEFAULT_OUTPUTS
 from .recommendation import checked_goal, is_exact_goal, recommend_from
@@ -140,7 +140,7 @@ class Director:
         self._times, self._new = [], False  # of frames since the last look; settings just changed
         self._whole_ms = {}  # (settings, map) -> when it was last drawn whole
         self._decisions = []
-        self._maps = dict.fromkeys(("draw", "keep", "add", "scroll"), 0)
+        self._maps = dict.fromkeys(ACTIONS, 0)
         self._saved = [0, 0, 0.0]
         self._frames, self._ms, self._closed = 0, 0.0, False
         self._own, self._walk = renderer is None, Walk()
@@ -244,12 +244,11 @@ class Director:
         self._ms += total_ms(frame.timings_ms)
         actions = tuple(done["action"] for done in maps)
         self._time(frame, actions)
-        words = {"draw": "drawn", "keep": "kept", "add": "added", "scroll": "scrolled"}
         frame.info["director"] = {
             "actions": actions,
             **{
                 word: [i for i, action in enumerate(actions) if action == name]
-                for name, word in words.items()
+                for name, word in ACTIONS.items()
             },
             "texels_saved": saved[0],
             "triangles_saved": saved[1],

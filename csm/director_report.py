@@ -4,7 +4,10 @@ from dataclasses import dataclass
 
 from .verification import table_html, table_text
 
-__all__ = ["DirectorReport", "Look"]
+__all__ = ["ACTIONS", "DirectorReport", "Look"]
+
+# What is done to a map, as `Frame.info["reuse"]` says it, and in words.
+ACTIONS = {"draw": "drawn", "keep": "kept", "add": "added", "scroll": "scrolled"}
 
 
 @dataclass(frozen=True)
@@ -72,8 +75,10 @@ class DirectorReport:
         )
 
     def _rows(self):
-        names = {"draw": "drawn", "keep": "kept", "add": "added to", "scroll": "scrolled"}
-        rows = [(f"maps {word}", f"{self.maps[name]:,}") for name, word in names.items()]
+        rows = [
+            (f"maps {word}{' to' if name == 'add' else ''}", f"{self.maps[name]:,}")
+            for name, word in ACTIONS.items()
+        ]
         rows.append(("texels saved", f"{self.texels_saved:,}"))
         rows.append(("triangles saved", f"{self.triangles_saved:,}"))
         for one in self.decisions:
