@@ -12,6 +12,7 @@ sun they are a hard compare and judged as one.
 """
 
 from functools import cached_property
+from itertools import product
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -129,10 +130,10 @@ class Stages:
             pixel_lots(self.judged.shape).ravel()[pixels],
         )
         reach = max(int(np.abs(offset).max()) for offset, _ in taps)
-        seen = _Lattice(surface, whole.astype(np.int64), reach, taps)
+        seen = _Lattice(surface, whole.astype(np.int64), reach, taps, surface.visibility)
         mean = np.zeros(len(pixels))
         for offset, weight in taps:
-            mean += weight * seen.visibility(offset)
+            mean += weight * seen.at(offset)
         return mean
 
     def _half_widths(self, cascade, pixels):
@@ -227,12 +228,13 @@ class Stages:
 
 
 class _Lattice:
-    """Exact visibility at the centres of texels around every point.
+    """What rays say at the centres of texels around every point.
 
-    Each is traced once for a plane: neighbours on one plane average nearly the same texels.
+    Each is traced once for a plane: neighbours on one plane look at nearly the same texels.
+    `value_of` takes places in the map [texels] and, for each, a point of its plane.
     """
 
-    def __init__(self, surface, whole, reach, taps):
+    def __init__(self, surface, whole, reach, taps, value_of):
         plane, first = _planes(surface)
         low = whole.min(axis=0) - reach
         self._sides = whole.max(axis=0) + reach + 1 - low
@@ -244,19 +246,22 @@ class _Lattice:
         of, u = np.divmod(rest, self._sides[0])
         self._wanted = wanted
         centres = np.column_stack([u, v]) + low + 0.5
-        self._seen = surface.visibility(centres, first[of])
+        self._values = value_of(centres, first[of])
 
     def _steps(self, offset):
         return offset[:, 0] * self._sides[1] + offset[:, 1]
 
     def _asked(self, offset, weight):
-        """Texels that a tap looks at; one offset for all points is asked for once a texel."""
+        """Texels that a tap looks at; one offset for all points is asked for once a texel.
+
+        Of other offsets only those that count.
+        """
         steps = self._steps(offset)
         if (steps == steps[0]).all():
             return self._keys + steps[0]
         return _distinct((self._keys[self._back] + steps)[weight > 0.0])
 
-    def visibility(self, offset):
+    def at(self, offset):
         """(m,) at the texels (m, 2) from those that hold the points; anything where not asked."""
         steps = self._steps(offset)
         if (steps == steps[0]).all():
@@ -265,7 +270,7 @@ class _Lattice:
 
     def _at(self, keys):
         place = np.searchsorted(self._wanted, keys)
-        return self._seen[np.minimum(place, len(self._seen) - 1)]
+        return self._values[np.minimum(place, len(self._values) - 1)]
 
 
 def _distinct(keys):
@@ -323,13 +328,18 @@ class _Surface:
         """Whether the light meets the pixel's own triangle first, at texels."""
         return self.truth.shows_itself(self.on_plane(texels), self.normal)
 
+    def occluder_distance(self, texels, of=slice(None)):
+        """Distance [m] from the tangent planes at texels to what first hides the sun there."""
+        return self.truth.occluder_distances(self.on_plane(texels, of), self.normal[of])
+
     def nearest_occluder(self, reach):
         """Least distance to an occluder over the point and the texels within reach (m,) [m]."""
         nearest = self.truth.occluder_distances(self.point, self.normal)
-        whole = np.floor(self.texels)
-        for du in range(-reach, reach + 1):
-            for dv in range(-reach, reach + 1):
-                there = self.on_plane(whole + 0.5 + (du, dv))
-                distance = self.truth.occluder_distances(there, self.normal)
-                nearest = np.minimum(nearest, distance)
+        shape = (len(nearest), 2)
+        steps = product(range(-reach, reach + 1), repeat=2)
+        taps = [(np.broadcast_to(step, shape), None) for step in steps]
+        whole = np.floor(self.texels).astype(np.int64)
+        there = _Lattice(self, whole, reach, taps, self.occluder_distance)
+        for offset, _ in taps:
+            nearest = np.minimum(nearest, there.at(offset))
         return nearest

@@ -119,11 +119,18 @@ class _Budget(_Masks):
         if cause.endswith("aliasing"):
             aliasing = self._difference(stages.at_texel_centres, truth.mask_point)
             return aliasing * self._share(cause)
-        rest = self._difference(self.stages.single, stages.filtered)
+        rest = self._difference(stages.single, stages.filtered)
         if cause == "false_shadow":
             return np.minimum(rest, 0.0)
-        near = stages.near_occluder(rest > ROUNDING)
-        return np.where(near == (cause == "peter_panning"), np.maximum(rest, 0.0), 0.0)
+        return np.where(
+            self._near_occluder == (cause == "peter_panning"), np.maximum(rest, 0.0), 0.0
+        )
+
+    @cached_property
+    def _near_occluder(self):
+        """Where the map lost a shadow whose occluder lies within the applied bias."""
+        lost = self._difference(self.stages.single, self.stages.filtered) > ROUNDING
+        return self.stages.near_occluder(lost)
 
     def _share(self, cause):
         if cause == "aliasing":
