@@ -6,7 +6,7 @@ import numpy as np
 
 from .cascades import fit_cascades
 from .sampling import mean_displacement, surface_steps, uv_gradients
-from .spaces import transform_points
+from .spaces import light_gradients, transform_points
 
 __all__ = ["LEFT_OUT", "Arranged", "arrange"]
 
@@ -68,13 +68,22 @@ def arrange(view, wide, settings, scene):
     taken = _selected(cascades, view.camera, settings, view.receivers)
     bias = BIAS_TEXELS * windows[taken] * np.minimum(view.gradients, STEEPEST)
     cascade = _selected(cascades, view.camera, settings, view.edges)
-    gradients = uv_gradients(cascades.uvz_from_world[cascade], view.edges)
-    steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
-    across = np.abs(np.einsum("ea,eak->ek", view.edge_across, steps))
+    across = np.abs(_across(view, cascades, settings, cascade))
     reach = np.linalg.norm(across, axis=1)  # of a disc one map wide: an ellipse in the picture
     moved = mean_displacement(across)
     wanted = _narrowest(reach, wide, view.edge_lengths)
     return Arranged(moved, reach, cascade, bias, taken, windows, wanted)
+
+
+def _across(view, cascades, settings, cascade):
+    """How far a step over a whole map along u and v leads across each edge (e, 2) [pixels]."""
+    uvz = np.asarray(cascades.uvz_from_world)
+    if settings.warp != "none":  # texels differ from place to place
+        gradients = uv_gradients(uvz[cascade], view.edges)
+        steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
+        return np.einsum("ea,eak->ek", view.edge_across, steps)
+    metres = np.linalg.inv(uvz[:, :2, :3] @ light_gradients(view.sun).T)
+    return np.einsum("ek,ekj->ej", view.steps_across, metres[cascade])
 
 
 def _narrowest(reach, wide, lengths):

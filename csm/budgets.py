@@ -143,14 +143,14 @@ def choose_timed(search, times_of):
         Of this machine, corrected by the frames of that choice.
     """
     budget, limit = search.goal["budget_ms"], search.goal["max_error"]
-    model, points = CostModel(), []
+    model, points = search.model, []
     chosen = search.choose(model)
     while True:
-        points.append(_timed(chosen, search.signals, times_of))
+        points.append(_timed(chosen, search, times_of))
         if len(points) == ROUNDS:
             break
         fits = any(point.candidate.ms <= budget for point in points)
-        model = _fitted(points, search.signals)
+        model = _fitted(points, search)
         reaches = _reaches(points, search, model)
         if len(points) == ROUNDS - 1 and not fits:
             reaches = (0.0,)  # which nothing lies within: the cheapest is chosen
@@ -167,23 +167,24 @@ def choose_timed(search, times_of):
     return best.candidate, best.model
 
 
-def _timed(candidate, signals, times_of):
+def _timed(candidate, search, times_of):
     """Point of a candidate."""
-    model = corrected(CostModel(), candidate.settings, signals, times_of(candidate.settings))
+    signals = search.signals
+    model = corrected(search.model, candidate.settings, signals, times_of(candidate.settings))
     ms = float(forecast_cost(candidate.settings, signals, model))
     maps, others = model.parts(candidate.settings, signals)
     return Point(replace(candidate, ms=ms), maps, others, model)
 
 
-def _fitted(points, signals):
+def _fitted(points, search):
     """Cost model by all that was timed: medians of the ratios, which one outlier does not move.
 
     One factor is of maps and one of everything else: what is timed of large maps would else tell
     what small ones cost, whose frame is made of other things.
     """
-    model, ratios = CostModel(), ([], [])
+    model, ratios = search.model, ([], [])
     for point in points:
-        expected = model.parts(point.candidate.settings, signals)
+        expected = model.parts(point.candidate.settings, search.signals)
         for found, was, now in zip(ratios, expected, (point.maps, point.others), strict=True):
             if was > 0.0 and now > 0.0:
                 found.append(math.log(now / was))

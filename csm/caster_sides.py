@@ -15,6 +15,7 @@ __all__ = ["BACK_GAIN", "FACES_SHARE", "Sides", "best_sides", "lit_area_share", 
 
 FACES_SHARE = 2e-4  # of the coarse picture's facing pixels, that may change with back sides alone
 LIT_MOST = 0.75  # of the casters' area across the light, above which front sides save little
+LIT_NEARLY_ALL = 0.9  # above which they save less than times repeat by
 #: Of what coarse maps get wrong, that back sides must spare where they change more than a few
 #: pixels. Measured over 46 real pairs: from 0.4 on they were better at every size of the maps,
 #: at 0.26 (roofs without floors) only at coarse ones.
@@ -55,7 +56,8 @@ def best_sides(front, back, gain, lit_area):
     """``caster_faces`` for such shares.
 
     Front sides where no pixel minds. But where they save less than a quarter, or where a pixel
-    minds: back sides, if hardly a pixel minds, or finer maps say that they are better.
+    minds: back sides, if hardly a pixel minds, or finer maps say that they are better. Where they
+    save less than a tenth, as of a plain, front sides are not worth saying.
 
     Parameters
     ----------
@@ -70,7 +72,7 @@ def best_sides(front, back, gain, lit_area):
         return "front"
     if back <= FACES_SHARE or gain >= BACK_GAIN:
         return "back"
-    return "front" if front == 0.0 else "both"
+    return "front" if front == 0.0 and lit_area <= LIT_NEARLY_ALL else "both"
 
 
 def measure_sides(scene, sun, lit, judged, count, again):

@@ -17,8 +17,9 @@ from weakref import WeakKeyDictionary
 
 import numpy as np
 
+from .digests import digest
 from .disc import SOFT_RAYS
-from .footprints import half_widths, pixel_lots, taps_of
+from .footprints import half_widths, kernel_of, pixel_lots, taps_of
 from .sampling import output_of, undersampling, visibilities
 from .tracing import truth
 
@@ -31,6 +32,9 @@ CAUSES = (
 )  # fmt: skip
 
 _SOFT = WeakKeyDictionary()  # soft masks of truths of point suns: a sweep asks for each often
+# By truth what the last frames asked: techniques that differ in no window ask the same again.
+_ASKED = WeakKeyDictionary()
+KEPT = 6  # answers, of a number a pixel
 FARTHEST_REACH = 4  # texels on each side whose occluders are asked for: 81 rays a pixel
 NOISE = 1e-6  # of the factors of a texel's length: float32 positions turn normals by as much
 FARTHEST_TEXELS = 1e6  # of a tangent plane nearly edge-on to the light: beyond, nothing is said
@@ -87,7 +91,7 @@ class Stages:
             surface = _Surface(self, cascade, pixels)
             return surface.visibility(np.floor(surface.texels) + 0.5)
 
-        return self._spread(values)
+        return self.shared("texel centres", lambda: self._spread(values))
 
     @cached_property
     def filtered(self):
@@ -101,7 +105,42 @@ class Stages:
             return np.where(self.judged, np.where(partly, self.single, soft), 0.0)
         if self.settings.filter in ("hard", "pcss"):
             return self.at_texel_centres
-        return self._spread(self._filtered)
+        kernel = kernel_of(self.settings)
+        return self.shared("filtered", lambda: self._spread(self._filtered), kernel)
+
+    def shared(self, name, make, *more):
+        """Answer to a question that depends on the windows, the judged pixels and `more` alone.
+
+        Parameters
+        ----------
+        name : str
+        make : callable
+            Returns it: a number, or an array that nobody changes.
+        *more
+            Values that `csm.digests.digest` takes.
+
+        Returns
+        -------
+        answer : float or ndarray
+            That of an earlier frame, if it was among the last.
+        """
+        asked = _ASKED.setdefault(self.truth, {})
+        key = digest(name, self._windows, more)
+        answer = asked.pop(key) if key in asked else make()
+        asked[key] = answer
+        while len(asked) > KEPT:
+            del asked[next(iter(asked))]
+        return answer
+
+    @cached_property
+    def _windows(self):
+        """Digest of windows, of the pixels in each, and of which are judged."""
+        cascades, camera = self.frame.cascades, self.frame.camera
+        arrays = (
+            cascades.uvz_from_world, cascades.map_size, cascades.texel_size,
+            cascades.light_from_world, self.frame.cascade_index, self.judged,
+        )  # fmt: skip
+        return digest(*(np.asarray(array) for array in arrays), camera)
 
     @cached_property
     def single(self):

@@ -18,6 +18,7 @@ __all__ = [
 EDGES = 3000  # places of edges that forecasts look at; the others count through these
 THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin
 DIRECTIONS, SLICES = 16, 12  # in which, and of depth, the outermost points are kept
+CURVED = 0.25  # of a surface's slope that it may change by from texel to texel of the coarse map
 LAYERS_BLEED = 0.1  # share of the light that layers of occluders let into a variance map
 
 
@@ -118,9 +119,11 @@ def blockers_of(frame, edges):
         on = np.flatnonzero(index == i)
         if not len(on):
             continue
-        gap = _gaps_around(frame, i, edges["point"][on], 1)
+        own, slope = _own_depths(frame, i, edges["point"][on], edges["normal"][on], 1)
+        gap = _gaps_around(frame, i, edges["point"][on], 1) + own
         t = float(frame.cascades.texel_size[i].max())
-        gap = np.where(gap > 0.5 * t, gap, np.nan)  # nearer ones are the surface itself
+        # nearer ones are the surface itself, which curves by a part of its slope
+        gap = np.where(gap > t * (0.5 + CURVED * slope[:, None]), gap, np.nan)
         with np.errstate(all="ignore"):
             near = np.where(np.isnan(gap).all(axis=1), 0.0, _nan_min(gap))
             far = np.where(np.isnan(gap).all(axis=1), 0.0, -_nan_min(-gap))
@@ -174,6 +177,29 @@ def _gaps_around(frame, cascade, points, reach):
     around = np.stack([depths[v + dv, u + du] for dv in steps for du in steps], axis=1)
     span = float(np.diff(frame.cascades.depth_range[cascade])[0])
     return (uvz[:, 2:] - around.astype(np.float64)) * span
+
+
+def _own_depths(frame, cascade, points, normals, reach):
+    """How much deeper a point's own plane lies at the texels of `_gaps_around` (m, k) [m].
+
+    And its steepness (m,): the sum of its slopes along u and v [m/m].
+    """
+    cascades = frame.cascades
+    size = frame.shadow_maps[cascade].shape[0]
+    uvz = np.asarray(cascades.uvz_from_world[cascade])
+    along = np.cross(uvz[1, :3], normals), np.cross(normals, uvz[0, :3])
+    volume = along[0] @ uvz[0, :3]
+    volume = np.where(np.abs(volume) > 1e-12 * np.abs(volume).max(initial=0.0), volume, np.inf)
+    span = float(np.diff(cascades.depth_range[cascade])[0])
+    # of one map's width [m]
+    slopes = np.stack([step @ uvz[2, :3] for step in along], axis=1) / volume[:, None] * span
+    away = transform_points(uvz, points)[:, :2] * size
+    steps = range(-reach, reach + 1)
+    offsets = np.array([(du, dv) for dv in steps for du in steps])
+    texels = np.clip(away.astype(int), reach, size - 1 - reach)[:, None] + offsets + 0.5
+    own = np.einsum("mka,ma->mk", texels - away[:, None], slopes) / size
+    steepness = np.abs(slopes).sum(axis=1) / (size * cascades.texel_size[cascade].max())
+    return own, steepness
 
 
 def _nan_min(values):

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from .caster_sides import BACK_GAIN, FACES_SHARE, best_sides
+from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
 from .plans import map_bytes
 from .settings import ShadowSettings
 
@@ -63,9 +63,9 @@ class Situation:
         return 1.0 - with_it / without if without > 0.0 else 0.0
 
     def texel(self, map_size=None):
-        """Side [m] of the finest cascade's texel, and of the coarsest; in maps of another size."""
+        """Side [m] of the finest cascade's texel, and of the coarsest; in maps of other sizes."""
         sides = self.forecaster.texel_sides(self.settings, map_size)
-        return float(sides.min()), float(sides.max())
+        return sides.min(axis=-1), sides.max(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -167,8 +167,11 @@ class Decision:
 
 
 def wanted_format(at, map_size=None):
-    """Depth format: 16 bits where their step is below the bias that surfaces need anyway."""
-    return "d16" if _quantum_16(at) < _needed_bias(at, map_size) else "d32f"
+    """Depth format: 16 bits where their step is below the bias that surfaces need anyway.
+
+    Of sizes (k,) as many.
+    """
+    return np.where(_quantum_16(at) < _needed_bias(at, map_size), "d16", "d32f").tolist()
 
 
 def wanted_faces(signals):
@@ -179,9 +182,13 @@ def wanted_faces(signals):
 
 
 def wanted_size(at, map_size=None):
-    """Kernel of soft shadows [texels]: as wide as penumbrae, and no wider than maps have texels."""
-    size = at.settings.map_size if map_size is None else map_size
-    return min(at.forecaster.kernel(at.settings, size), max(1, (size - 1) // 2 * 2 - 1))
+    """Kernel of soft shadows [texels]: as wide as penumbrae, and no wider than maps have texels.
+
+    Of sizes (k,) as many.
+    """
+    size = np.asarray(at.settings.map_size if map_size is None else map_size)
+    most = np.maximum(1, (size - 1) // 2 * 2 - 1)
+    return np.minimum(at.forecaster.kernel(at.settings, size), most).tolist()
 
 
 def _quantum_16(at):
@@ -401,8 +408,10 @@ TABLE = (
         effect="caster_faces",
         calls_for="closed casters: either of their sides throws the same shadow",
         threshold=(
-            "front: no facing pixel changes in the coarse picture; back: at most "
-            f"{_percent(FACES_SHARE)} do, or of what it gets wrong {_percent(BACK_GAIN)} come right"
+            "front: no facing pixel changes in the coarse picture, and at most "
+            f"{_percent(LIT_NEARLY_ALL)} of the casters' area faces the sun; back: at most "
+            f"{_percent(FACES_SHARE)} of pixels change, or of what it gets wrong "
+            f"{_percent(BACK_GAIN)} come right"
         ),
         source="coarse renders, compared: csm/caster_sides.py",
         cost="nothing; saves the fill of the other sides",
@@ -521,18 +530,24 @@ TABLE = (
     ),
     Decision(
         effect="warp",
-        calls_for="one map down a long view across the light",
-        threshold="never: maps take two to three times as long to fill, and where it helps few do",
-        source="measured: docs/recommendation.md; docs/numerics.md 21",
-        cost="no snapping, post-projective depth",
+        calls_for="a still down a long view across the light",
+        threshold="saves more than it costs; never in motion, where it cannot be snapped",
+        source="forecast; docs/recommendation.md, docs/numerics.md 21",
+        cost="maps take two to three times as long to fill, a shader writes their depth",
         taken=lambda at: at.settings.warp != "none",
         measured=lambda at: (
             f"light {at.signals.light_view_angle_deg:.0f} degrees from the view, depths in a ratio "
-            f"of {at.signals.depth_ratio:.3g}"
+            f"of {at.signals.depth_ratio:.3g}: {_percent(at.gain(warp=_other_warp(at)))} "
+            f"{'gained' if at.settings.warp != 'none' else 'kept'} by the "
+            f"{'warp' if at.settings.warp != 'none' else 'plain map'}"
         ),
-        flipped=lambda at: {"warp": "lispsm"},
+        flipped=lambda at: {"warp": _other_warp(at)},
     ),
 )
+
+
+def _other_warp(at):
+    return "lispsm" if at.settings.warp == "none" else "none"
 
 
 def _other_split(at):

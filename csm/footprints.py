@@ -12,7 +12,7 @@ import numpy as np
 
 from .disc import GOLDEN_ANGLE
 
-__all__ = ["half_widths", "pixel_lots", "taps_of"]
+__all__ = ["half_widths", "kernel_of", "pixel_lots", "taps_of"]
 
 PREFILTERED = ("vsm", "evsm2", "evsm4", "esm", "msm", "lvsm", "fourier")
 
@@ -45,6 +45,23 @@ def half_widths(frame, cascade, view_depth):
         metres = most * pixel * (1.0 if camera.orthographic else view_depth[:, None])
     least = min(0.5 if settings.filter_weights == "box" else 1.0, most)
     return np.clip(metres / texel[cascade] * ones, least, most)
+
+
+def kernel_of(settings):
+    """What `taps_of` and `half_widths` ask of settings: equal ones average the same texels.
+
+    Parameters
+    ----------
+    settings : ShadowSettings
+        Canonical.
+
+    Returns
+    -------
+    kernel : tuple
+    """
+    kind = "prefiltered" if settings.filter in PREFILTERED else settings.filter
+    names = ("filter_size", "filter_weights", "kernel", "disc", "tap_count", "rotated")
+    return (kind, *(getattr(settings, name) for name in names))
 
 
 def taps_of(settings, fraction, half, lot):

@@ -8,7 +8,7 @@ import numpy as np
 from .arrangements import arrange
 from .settings import map_sizes
 
-__all__ = ["CostModel", "Expected", "Forecaster", "forecast_cost"]
+__all__ = ["GPU", "CostModel", "Expected", "Forecaster", "cost_model_of", "forecast_cost"]
 
 # An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
 FARTHEST = 8.0
@@ -39,11 +39,11 @@ class Expected:
 
     Attributes
     ----------
-    error : float
-        As ``max_error`` counts it.
-    held : float
+    error : float, or (k,) float64
+        As ``max_error`` counts it; of so many sizes of maps, if so many were asked about.
+    held : float, or (k,) float64
         The same under a kernel that holds all penumbrae.
-    left_out : float
+    left_out : float, or (k,) float64
         Of penumbrae, by a kernel that does not.
     """
 
@@ -56,6 +56,8 @@ class Forecaster:
     """Expected errors of settings for one scene, camera and sun.
 
     Windows are fitted once for each arrangement of them; other map sizes only scale their texels.
+    So wherever a map's size is asked for, sizes (k,) may be given instead of settings of so many
+    sizes, and the answer is as many.
 
     Parameters
     ----------
@@ -78,12 +80,12 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int, optional
+        map_size : int or (k,) int, optional
             Of all maps, instead of that of the settings.
 
         Returns
         -------
-        share : float
+        share : float, or (k,) float64
             0 without edges.
         """
         area, pixels = 0.0, self._facing()
@@ -91,7 +93,7 @@ class Forecaster:
             known = self._taken(number, settings)
             if len(view.edges):
                 moved = known.moved / _size_at(settings, map_size, known.edge_cascade)
-                area += float((view.edge_lengths * np.minimum(moved, FARTHEST)).sum())
+                area += (view.edge_lengths * np.minimum(moved, FARTHEST)).sum(axis=-1)
         factor = EDGE_FACTOR + THIN_FACTOR * self._signals.thin_share
         return factor * area / pixels if pixels else 0.0
 
@@ -101,12 +103,12 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int, optional
+        map_size : int or (k,) int, optional
             Of all maps, instead of that of the settings.
 
         Returns
         -------
-        share : float
+        share : float, or (k,) float64
         """
         return self.expected(settings, map_size).error
 
@@ -116,7 +118,7 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size, filter_size : int, optional
+        map_size, filter_size : int or (k,) int, optional
             Of all maps, and of the kernel, instead of those of the settings.
 
         Returns
@@ -132,8 +134,8 @@ class Forecaster:
         if settings.filter == "pcss":
             rest = SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
             left = self.left_out(settings, map_size, filter_size)
-        held = math.hypot(aliasing, rest * soft) + leak
-        return Expected(math.hypot(aliasing, rest * (soft - left) + left) + leak, held, left)
+        held = np.hypot(aliasing, rest * soft) + leak
+        return Expected(np.hypot(aliasing, rest * (soft - left) + left) + leak, held, left)
 
     def left_out(self, settings, map_size=None, filter_size=None):
         """Mean absolute error of penumbrae that are as wide as a kernel can make them.
@@ -145,22 +147,23 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int, optional
+        map_size : int or (k,) int, optional
             Of all maps, instead of that of the settings.
-        filter_size : int, optional
+        filter_size : int or (k,) int, optional
             Side of the kernel [texels], likewise.
 
         Returns
         -------
-        share : float
+        share : float, or (k,) float64
             0 where the kernel is as wide as all penumbrae, `penumbra` where it is nothing.
         """
-        kernel, area = filter_size or settings.filter_size, 0.0
+        kernel, area = settings.filter_size if filter_size is None else filter_size, 0.0
         for number, view in enumerate(self._signals.views):
             if len(view.edges):
                 known, wide = self._taken(number, settings), self._penumbrae()[number]
-                reach = kernel * known.reach / _size_at(settings, map_size, known.edge_cascade)
-                area += float(view.edge_lengths @ np.maximum(wide - reach, 0.0))
+                part = _column(kernel) / _size_at(settings, map_size, known.edge_cascade)
+                missing = np.maximum(wide - part * known.reach, 0.0)
+                area += (view.edge_lengths * missing).sum(axis=-1)
         pixels = self._facing()
         return DISC * area / pixels if pixels else 0.0
 
@@ -170,19 +173,19 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int
+        map_size : int or (k,) int
             Of all maps.
 
         Returns
         -------
-        side : int
+        side : int or (k,) int
             Odd, 5 to 65 texels; what leaves out a twentieth of what hard edges miss, and rounding.
         """
         wanted = max(
             self._taken(number, settings).wanted for number in range(len(self._signals.views))
         )
-        side = 2 * math.ceil(0.5 * min(wanted * map_size, LARGEST_KERNEL)) + 3
-        return int(min(max(side, 5), LARGEST_KERNEL))
+        half = np.ceil(0.5 * np.minimum(wanted * np.asarray(map_size), LARGEST_KERNEL))
+        return np.clip(2 * half.astype(int) + 3, 5, LARGEST_KERNEL)
 
     def leak(self, settings, map_size=None):
         """Share of facing pixels in shadow that the bias is expected to light.
@@ -193,12 +196,12 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int, optional
+        map_size : int or (k,) int, optional
             Of all maps, instead of that of the settings.
 
         Returns
         -------
-        share : float
+        share : float, or (k,) float64
         """
         if settings.bias != "auto":
             return 0.0
@@ -207,7 +210,7 @@ class Forecaster:
             if len(view.gaps):
                 known = self._taken(number, settings)
                 size = _size_at(settings, map_size, known.receiver_cascade)
-                lit += int(np.count_nonzero(view.gaps < known.receiver_bias / size))
+                lit += np.count_nonzero(view.gaps < known.receiver_bias / size, axis=-1)
             count += len(view.gaps)
         return lit / count if count else 0.0
 
@@ -238,12 +241,12 @@ class Forecaster:
         return sum(v.facing_count * self._signals.pixels / v.pixel_count for v in views)
 
     def texel_sides(self, settings, map_size=None):
-        """Longer side of a texel of each cascade that receivers take (n,) [m]."""
-        known = self._taken(0, settings)
-        sizes = np.asarray(map_sizes(settings) if map_size is None else map_size, float)
-        sides = known.windows / sizes
-        wide = sides > 1e-3 * sides.max()  # slices without receivers have windows of nothing
-        return sides[wide]
+        """Longer side of a texel of each cascade that receivers take (n,), or (k, n) [m]."""
+        windows = self._taken(0, settings).windows
+        wide = windows > 1e-3 * windows.max()  # slices without receivers have windows of nothing
+        if map_size is None:
+            return windows[wide] / np.asarray(map_sizes(settings), float)[wide]
+        return windows[wide] / _column(map_size)
 
     def _taken(self, number, settings):
         """What an arrangement of windows makes of one view."""
@@ -257,9 +260,16 @@ class Forecaster:
 
 
 def _size_at(settings, map_size, cascade):
-    """Texels along the map of each point: a number where all maps have as many."""
-    sizes = map_sizes(settings) if map_size is None else (map_size,)
+    """Texels along the map of each point: a number, or (k, 1), where all maps have as many."""
+    if map_size is not None:
+        return _column(map_size)
+    sizes = map_sizes(settings)
     return float(sizes[0]) if len(set(sizes)) == 1 else np.asarray(sizes, float)[cascade]
+
+
+def _column(values):
+    """A number, or several (k, 1) to be met with as many values as there are points."""
+    return float(values) if np.ndim(values) == 0 else np.asarray(values, float)[:, None]
 
 
 @dataclass(frozen=True)
@@ -273,10 +283,13 @@ class CostModel:
         is seen, its windows, those of turned ones, ranges of splits, the mask.
     soft : float
         Factor of the mask's pass under percentage-closer soft shadows of 16 taps.
-    map_texel : float
-        Of a million texels that hold a caster, with both sides of triangles drawn [ms].
+    map_texel, map_area : float
+        Of a million texels that hold a caster, with both sides of triangles drawn, and of a million
+        of all [ms].
     map_triangle, map_pass : float
         Of a thousand triangles, and of each map [ms].
+    warp : float
+        Factor of the texels' under a warp, whose depths a shader writes.
     source : str
         Where the numbers come from.
     """
@@ -289,8 +302,10 @@ class CostModel:
     mask_pixel: float = 20.0
     soft: float = 9.0
     map_texel: float = 10.5
+    map_area: float = 0.0
     map_triangle: float = 0.29
     map_pass: float = 1.0
+    warp: float = 2.5
     source: str = "llvmpipe on two cores"
 
     def scaled(self, factor, source):
@@ -305,12 +320,12 @@ class CostModel:
         -------
         model : CostModel
         """
-        names = [n for n in self.__dataclass_fields__ if n not in ("soft", "source")]
+        names = [n for n in self.__dataclass_fields__ if n not in ("soft", "warp", "source")]
         return replace(self, source=source, **{n: factor * getattr(self, n) for n in names})
 
     def with_maps(self, factor):
         """Copy with the times of shadow maps multiplied."""
-        names = ("map_texel", "map_triangle", "map_pass")
+        names = ("map_texel", "map_area", "map_triangle", "map_pass")
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
     def parts(self, settings, signals, map_size=None):
@@ -320,12 +335,13 @@ class CostModel:
         ----------
         settings : ShadowSettings
         signals : Signals
-        map_size : int, optional
+        map_size : int or (k,) int, optional
             Of all maps, instead of that of the settings.
 
         Returns
         -------
-        maps, others : float
+        maps : float, or (k,) float64
+        others : float
         """
         pixels = signals.pixels / 1e6
         others = self.view_pixel * pixels + self.view_triangle * signals.scene_triangles / 1e3
@@ -339,11 +355,50 @@ class CostModel:
         if settings.split == "sdsm":
             others += self.range_pixel * pixels
         count = settings.cascade_count
-        sizes = map_sizes(settings) if map_size is None else (map_size,) * count
-        texels = np.square(np.asarray(sizes, float)) @ _covers(count, signals) / 1e6
-        maps = self.map_texel * float(texels) * _drawn_share(settings, signals)
+        sizes = map_sizes(settings) if map_size is None else _column(map_size)
+        texels = np.broadcast_to(
+            np.square(np.asarray(sizes, float)) / 1e6, (*np.shape(sizes)[:-1], count)
+        )
+        held = (texels * _covers(count, signals)).sum(axis=-1)
+        maps = self.map_texel * held * _drawn_share(settings, signals)
+        maps *= self.warp if settings.warp != "none" else 1.0
+        maps += self.map_area * texels.sum(axis=-1)
         maps += self.map_triangle * drawn_triangles(count, signals) / 1e3
         return maps + self.map_pass * count, others
+
+
+#: Of a GPU: what fills maps is clearing and storing them as much as casters, passes over the
+#: picture are nearly free, and so are depths that a shader writes. Fitted to 320 frames.
+GPU = CostModel(
+    view_pixel=0.45,
+    view_triangle=0.0008,
+    receiver_pixel=0.03,
+    turned_pixel=0.03,
+    range_pixel=0.03,
+    mask_pixel=0.045,
+    soft=7.0,
+    map_texel=0.17,
+    map_area=0.15,
+    map_triangle=0.0016,
+    map_pass=0.05,
+    warp=1.0,
+    source="an H200",
+)
+
+
+def cost_model_of(info):
+    """Cost model to begin with on a driver.
+
+    Parameters
+    ----------
+    info : mapping
+        `Renderer.info`.
+
+    Returns
+    -------
+    model : CostModel
+    """
+    return CostModel() if info["software"] else GPU
 
 
 def forecast_cost(settings, signals, model=None, map_size=None):
@@ -355,14 +410,15 @@ def forecast_cost(settings, signals, model=None, map_size=None):
     signals : Signals
     model : CostModel, optional
         By default that of llvmpipe on two cores, the same on every machine.
-    map_size : int, optional
+    map_size : int or (k,) int, optional
         Of all maps, instead of that of the settings.
 
     Returns
     -------
-    ms : float
+    ms : float, or (k,) float64
     """
-    return math.fsum((model or CostModel()).parts(settings, signals, map_size))
+    maps, others = (model or CostModel()).parts(settings, signals, map_size)
+    return maps + others
 
 
 def drawn_triangles(count, signals):

@@ -259,7 +259,10 @@ class ErrorReport:
             If the report compares masks alone.
         """
         stages = self._stages("expected_aliasing")
-        return expected_aliasing(stages.frame, stages.truth, self.judged)
+        return stages.shared(
+            "expected aliasing",
+            lambda: expected_aliasing(stages.frame, stages.truth, stages.judged),
+        )
 
     def _stages(self, name):
         budget = self.per_pixel._value_of

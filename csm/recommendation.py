@@ -13,7 +13,7 @@ from .cascades import check_kinds, fit_cascades
 from .decisions import TABLE, Situation
 from .digests import scene_digest
 from .export import export_settings
-from .forecasts import CostModel
+from .forecasts import CostModel, cost_model_of
 from .formats import Recorded
 from .plans import map_bytes
 from .record_rules import GOAL_RANGES
@@ -417,11 +417,12 @@ def recommend_from(renderer, scene, cameras, suns, goal, *, model=None, **motion
     recommendation : Recommendation
     """
     signals = replace(measure_signals(renderer, scene, cameras, suns), **motion)
-    search = Search(signals, scene, goal, renderer.info["max_texture_size"])
+    info = renderer.info
+    search = Search(signals, scene, goal, info["max_texture_size"], cost_model_of(info))
     if goal["budget_ms"] is not None and model is None:
         chosen, model = within_budget(renderer, scene, search)
     else:
-        model = CostModel() if model is None else model
+        model = search.model if model is None else model
         chosen = search.choose(model)
     return _report(search, chosen, model, scene, (cameras, suns), goal)
 

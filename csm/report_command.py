@@ -35,8 +35,8 @@ of the error costs, the least error within a budget, flicker, and the same spot 
 technique beside the ray-traced truth.
 
 SCENE is a file or the name of a made scene; SCENE:CAMERA:SUN picks a camera and a sun of it by
-name, otherwise its first ones count. Called again with the same folder it measures what is new;
-crops and flicker are made anew.
+name, otherwise its first ones count. Called again with the same folder it goes on where it was
+stopped, and measures what is new.
 """
 
 REPORT_EXAMPLES = """\

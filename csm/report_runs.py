@@ -1,30 +1,35 @@
 """What a report shows: techniques swept, the same spot under each, and its flicker."""
 
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 
 from .camera import Camera
+from .digests import digest
 from .disc import SOFT_RAYS
 from .metrics import compare
 from .motion import flicker
 from .renderer import Renderer
+from .scene import Scene
 from .settings import ShadowSettings
+from .sun import Sun
 from .sweep_cases import cases_of
 from .sweeps import TRUTHS, sweep
 from .techniques import BASELINE, settings_by_name
-from .truth_cache import cached_truth
+from .truth_cache import cached_truth, kept_on_disk
 
 __all__ = ["crop_place", "sweep_techniques", "with_crops_and_flicker"]
 
 CAUSES_SHOWN = (
     "total", "aliasing", "penumbra", "false_shadow", "peter_panning", "light_leak", "seam",
 )  # fmt: skip
+SHOWN = "shown"  # folder of crops and flicker beside the sweep's truths
 SWEPT = 0.8  # of the work, roughly, is the sweep
 
 CROP = (96, 96)  # height and width of the spot [px]
 KEPT = 0.9  # of the error in the best crop, that one with the error in its middle must keep
-FRAMES = 5  # of the path that flicker is taken from
+FRAMES = 4  # of the path that flicker is taken from
 STEP_SHARE = 4e-3  # of the median depth seen, that the camera goes sideways from frame to frame
 TURN_DEG = 0.05
 POINTS = 4000
@@ -87,9 +92,10 @@ def path_of(camera, depth):
     Returns
     -------
     cameras : list of Camera
+        The first is `camera` itself.
     """
-    path = []
-    for step in range(FRAMES):
+    path = [camera]
+    for step in range(1, FRAMES):
         angle = np.radians(TURN_DEG * step)
         ahead = np.sin(angle) * camera.right - np.cos(angle) * camera.backward
         eye = camera.eye + STEP_SHARE * depth * step * camera.right
@@ -131,7 +137,7 @@ def sweep_techniques(
     base : ShadowSettings, optional
         What the techniques change.
     out : path, optional
-        Folder of the sweep, where it goes on if it was stopped; crops and flicker are made anew.
+        Folder of the sweep, where it goes on if it was stopped, crops and flicker included.
     size : (int, int), optional
         Width and height of every picture [px], instead of the cameras' own.
     repeats : int, optional
@@ -169,13 +175,12 @@ def sweep_techniques(
     """
     tell = progress or (lambda share: None)
     techniques = settings_by_name(families)
-    known = cases_of(cases, size)
+    cases = {case.name: case for case in cases_of(cases, size)}
     dataset = sweep(
         cases,
         {"technique": techniques},
         base=base,
         out=out,
-        size=size,
         repeats=repeats,
         rays_per_pixel=rays_per_pixel,
         causes=CAUSES_SHOWN if causes else None,
@@ -186,17 +191,17 @@ def sweep_techniques(
     )
     return with_crops_and_flicker(
         dataset,
-        {case.name: (case.scene, case.camera, case.sun) for case in known},
+        {name: (case.scene, case.camera, case.sun) for name, case in cases.items()},
         base=base,
         rays_per_pixel=rays_per_pixel,
-        truths=None if out is None else Path(out) / TRUTHS,
+        out=out,
         backend=backend,
         advance=lambda share: tell(SWEPT + (1.0 - SWEPT) * share),
     )
 
 
 def with_crops_and_flicker(
-    dataset, cases, *, base=None, rays_per_pixel=1, truths=None, backend="auto", advance=None
+    dataset, cases, *, base=None, rays_per_pixel=1, out=None, backend="auto", advance=None
 ):
     """Add crops and flicker to a sweep over techniques.
 
@@ -210,8 +215,8 @@ def with_crops_and_flicker(
         What the techniques change.
     rays_per_pixel : int
         Of the truth, as the sweep had it.
-    truths : path, optional
-        Where the sweep kept its truths.
+    out : path, optional
+        Folder of the sweep: truths are read there, crops and flicker kept there.
     backend : str
     advance : callable, optional
         Takes the share done, 0 to 1.
@@ -231,12 +236,13 @@ def with_crops_and_flicker(
     crops = np.full((*shape, *CROP), np.nan, np.float32)
     shown_truths = np.full((shape[0], *CROP), np.nan)
     places, rates = np.zeros((shape[0], 2), int), np.full((*shape, 2), np.nan)
+    truths = None if out is None else Path(out) / TRUTHS
     done = 0
-    for i, (scene, camera, sun) in enumerate(cases.values()):
-        exact = cached_truth(scene, camera, sun, truths, rays_per_pixel=rays_per_pixel)
-        points = _points_of(exact)
-        path = path_of(camera, _median_depth(camera, points[0]))
-        with Renderer(backend) as renderer:
+    with Renderer(backend) as renderer:  # one for all: its programs are made once
+        for i, (scene, camera, sun) in enumerate(cases.values()):
+            exact = cached_truth(scene, camera, sun, truths, rays_per_pixel=rays_per_pixel)
+            points = _points_of(exact)
+            path = path_of(camera, _median_depth(camera, points[0]))
             first = renderer.render(scene, camera, sun, base.replace(**changes[BASELINE]))
             report = compare(first, exact)
             places[i] = crop_place(np.abs(report.per_pixel["total"]), report.judged)
@@ -246,15 +252,14 @@ def with_crops_and_flicker(
             seen = exact.valid[cut]
             shown = np.where(seen, exact.mask[cut], np.nan)
             shown_truths[i, : shown.shape[0], : shown.shape[1]] = shown
+            look = _Look(renderer, scene, path, sun, points, cut)
             for j, name in enumerate(names):
                 done += 1
                 if str(dataset.status.values[i, j]) != "ok":
                     continue
-                settings = base.replace(**changes[name])
-                mask = renderer.render(scene, camera, sun, settings, outputs=("mask",)).mask[cut]
+                key = "" if out is None else str(dataset.key.values[i, j])
+                mask, rates[i, j] = look.kept(base.replace(**changes[name]), out, key)
                 crops[i, j, : seen.shape[0], : seen.shape[1]] = np.where(seen, mask, np.nan)
-                found = _flicker(renderer, scene, path, sun, settings, points)
-                rates[i, j] = found.mean, found.transition
                 if advance is not None:
                     advance(done / (shape[0] * shape[1]))
     place = ("case", "technique")
@@ -282,11 +287,36 @@ def _median_depth(camera, points):
     return float(np.median((points - camera.eye) @ -camera.backward))
 
 
-def _flicker(renderer, scene, path, sun, settings, points):
-    frames = [
-        renderer.render(
-            scene, here, sun, settings, outputs=(), points=points[0], point_normals=points[1]
+@dataclass(frozen=True)
+class _Look:
+    """What is looked at under every technique: a crop of a path's first frame, points along it."""
+
+    renderer: Renderer
+    scene: Scene
+    path: list
+    sun: Sun
+    points: tuple
+    cut: tuple
+
+    def kept(self, settings, out, key):
+        """Crop and flicker from the sweep's folder, where they stay under the point's key."""
+        if out is None:
+            return self._taken(settings)
+        name = digest(key, [part.start for part in self.cut])
+        return kept_on_disk(
+            Path(out) / SHOWN / f"{name}.npz",
+            make=lambda: self._taken(settings),
+            to_arrays=lambda found: {"crop": found[0], "flicker": found[1]},
+            from_arrays=lambda saved: (saved["crop"], saved["flicker"]),
         )
-        for here in path
-    ]
-    return flicker(frames, scene=scene)
+
+    def _taken(self, settings):
+        frames = [
+            self.renderer.render(
+                self.scene, camera, self.sun, settings, outputs=() if step else ("mask",),
+                points=self.points[0], point_normals=self.points[1],
+            )
+            for step, camera in enumerate(self.path)
+        ]  # fmt: skip
+        found = flicker(frames, scene=self.scene)
+        return frames[0].mask[self.cut], np.array([found.mean, found.transition])

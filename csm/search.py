@@ -3,7 +3,9 @@
 import math
 from dataclasses import dataclass, field, replace
 from functools import cached_property
-from itertools import product
+from itertools import groupby, product
+
+import numpy as np
 
 from .arrangements import LEFT_OUT
 from .caster_sides import FACES_SHARE
@@ -19,7 +21,7 @@ from .decisions import (
     wanted_format,
     wanted_size,
 )
-from .forecasts import Expected, Forecaster, forecast_cost
+from .forecasts import CostModel, Expected, Forecaster, forecast_cost
 from .plans import map_bytes
 from .settings import ShadowSettings
 from .verification import everything_on
@@ -96,10 +98,13 @@ class Search:
         ``max_error``, ``budget_ms``, ``max_bytes``.
     largest : int
         Side of the largest map that the driver holds [texels].
+    model : CostModel, optional
+        Of the machine, before anything is timed there.
     """
 
-    def __init__(self, signals, scene, goal, largest):
+    def __init__(self, signals, scene, goal, largest, model=None):
         self.signals, self.goal = signals, goal
+        self.model = CostModel() if model is None else model
         self.forecaster = Forecaster(signals, scene)
         self._largest, self._found = largest, None
 
@@ -117,10 +122,13 @@ class Search:
             return [Candidate(dark, SMALLEST, 0.0, ms, expected=Expected(0.0, 0.0, 0.0))]
         if self._found is None:
             self._found = self._forecast()
-        return [
-            replace(one, ms=forecast_cost(one.arranged, self.signals, model, map_size=one.map_size))
-            for one in self._found
-        ]
+        every = []
+        for _, sized in groupby(self._found, key=lambda one: id(one.arranged)):
+            sized = list(sized)
+            sizes = np.array([one.map_size for one in sized])
+            costs = forecast_cost(sized[0].arranged, self.signals, model, map_size=sizes).tolist()
+            every += [replace(one, ms=ms) for one, ms in zip(sized, costs, strict=True)]
+        return every
 
     def _forecast(self):
         """Every arrangement and size; where soft shadows are called for, under them and hard ones.
@@ -134,25 +142,31 @@ class Search:
         if soft:
             filters = [{"filter": "pcss", "tap_count": taps} for taps in TAPS] + filters
         for settings, changes in product(arranged, filters):
-            filtered = settings.replace(**changes)
-            for size in SIZES:
-                if size <= self._largest:
-                    one = self._sized(filtered, size)
-                    if most is None or map_bytes(one.settings) <= most:
-                        found.append(one)
+            found += self._sized(settings.replace(**changes))
+        if most is not None:
+            found = [one for one in found if map_bytes(one.settings) <= most]
         if not found:
             raise ValueError(
                 f"max_bytes must hold one map of {SMALLEST} x {SMALLEST} (got {most:g})"
             )
         return found
 
-    def _sized(self, settings, size):
+    def _sized(self, settings):
+        """Candidates of an arrangement, one a size, with all that hangs on the size."""
         at = Situation(self.signals, self.forecaster, settings)
-        changes = {"map_size": size, "depth_format": wanted_format(at, size)}
+        sizes = np.array([size for size in SIZES if size <= self._largest])
+        depends = {"map_size": sizes.tolist(), "depth_format": wanted_format(at, sizes)}
         if settings.filter == "pcss":
-            changes["filter_size"] = wanted_size(at, size)
-        expected = self.forecaster.expected(settings, size, changes.get("filter_size"))
-        return Candidate(settings, size, expected.error, 0.0, changes, expected)
+            depends["filter_size"] = wanted_size(at, sizes)
+        expected = self.forecaster.expected(settings, sizes, depends.get("filter_size"))
+        parts = np.broadcast_arrays(expected.error, expected.held, expected.left_out, sizes)[:3]
+        return [
+            Candidate(settings, changes[0], error, 0.0, dict(zip(depends, changes, strict=True)),
+                      Expected(error, held, left_out))
+            for *changes, error, held, left_out in zip(
+                *depends.values(), *(part.tolist() for part in parts), strict=True
+            )
+        ]  # fmt: skip
 
     def choose(self, model, reach=None, without=()):
         """The candidate that the goal asks for.
@@ -260,8 +274,13 @@ class Search:
             if settings.cull != "exclusive" and not self._gains(settings, select="interval"):
                 every = [settings.replace(select="interval")]
             every += self._better(every[0], split="sdsm")
-        if not moves:
-            every += [one for plain in every for one in self._better(plain, turned=True)]
+        if not moves:  # neither can be snapped
+            every += [
+                one
+                for plain in every
+                for changes in ({"turned": True}, {"warp": "lispsm"})
+                for one in self._better(plain, **changes)
+            ]
         return every
 
     def _gains(self, settings, **changes):

@@ -1,7 +1,8 @@
 """The settings of a render: every choice, with its default, checked when it is made."""
 
 import math
-from dataclasses import asdict, dataclass, fields, replace
+from copy import copy
+from dataclasses import asdict, dataclass, fields
 
 import numpy as np
 
@@ -342,23 +343,13 @@ class ShadowSettings(Recorded):
     receiver_plane: bool = False
 
     def __post_init__(self):
-        put = object.__setattr__.__get__(self)
-        for field in fields(self):
-            value = getattr(self, field.name)
-            if field.name == "map_size":
-                put("map_size", _map_size(value, self.cascade_count))
-            elif field.name in ("manual_splits", "manual_depth_range"):
-                put(field.name, _depths(field.name, value))
-            elif field.type is float:
-                put(field.name, _number(field.name, value))
-            elif field.type is int:
-                put(field.name, _whole(field.name, value))
-            elif field.type is bool:
-                if not isinstance(value, bool | np.bool_ | int) or value not in (0, 1):
-                    raise TypeError(f"{field.name} must be True or False (got {value!r})")
-                put(field.name, bool(value))
-            elif not isinstance(value, str):
-                raise TypeError(f"{field.name} must be a string (got {value!r})")
+        self._take({field.name: getattr(self, field.name) for field in fields(self)})
+
+    def _take(self, values):
+        """Set fields to values, each checked, and then all together."""
+        for name, kind in _KINDS.items():  # the number of cascades before their sizes
+            if name in values:
+                object.__setattr__(self, name, self._checked(name, kind, values[name]))
         by_hand = {"manual": "inner view depths [m]", "percentages": "percents of the view range"}
         if self.split in by_hand and len(self.manual_splits) != self.cascade_count - 1:
             raise ValueError(
@@ -371,6 +362,24 @@ class ShadowSettings(Recorded):
                 f"(got {self.manual_depth_range})"
             )
         _core.validate_settings(self)
+
+    def _checked(self, name, kind, value):
+        """Value of a field as its kind."""
+        if name == "map_size":
+            return _map_size(value, self.cascade_count)
+        if name in ("manual_splits", "manual_depth_range"):
+            return _depths(name, value)
+        if kind is float:
+            return _number(name, value)
+        if kind is int:
+            return _whole(name, value)
+        if kind is bool:
+            if not isinstance(value, bool | np.bool_ | int) or value not in (0, 1):
+                raise TypeError(f"{name} must be True or False (got {value!r})")
+            return bool(value)
+        if not isinstance(value, str):
+            raise TypeError(f"{name} must be a string (got {value!r})")
+        return value
 
     def replace(self, **changes):
         """Copy with other values.
@@ -389,13 +398,14 @@ class ShadowSettings(Recorded):
         TypeError, ValueError
             If a name is no setting or a value breaks its rule.
         """
-        known = {field.name for field in fields(self)}
         for name in changes:
-            if name not in known:
-                raise TypeError(f"{name!r} is no setting; there are {', '.join(sorted(known))}")
+            if name not in _KINDS:
+                raise TypeError(f"{name!r} is no setting; there are {', '.join(sorted(_KINDS))}")
         if "cascade_count" in changes and isinstance(self.map_size, tuple):
             changes.setdefault("map_size", _resized(self.map_size, changes["cascade_count"]))
-        return replace(self, **changes)
+        other = copy(self)  # what does not change was checked
+        other._take(changes)
+        return other
 
     def to_dict(self):
         """Every setting by name: plain values, ready for JSON.
@@ -442,6 +452,9 @@ class ShadowSettings(Recorded):
         sizes = tuple(int(size) for size in values["map_size"])
         values["map_size"] = sizes[0] if len(set(sizes)) == 1 else sizes
         return ShadowSettings(**values)
+
+
+_KINDS = {field.name: field.type for field in fields(ShadowSettings)}
 
 
 def _number(name, value):

@@ -7,6 +7,7 @@ settings would make of that, `csm.forecasts` works out.
 
 import math
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -24,10 +25,10 @@ from .coarse_look import (
 from .horizons import ends_of, horizon_of
 from .sampling import LIT, NO_CASCADE, surface_steps
 from .settings import ShadowSettings
-from .spaces import frozen
+from .spaces import frozen, light_gradients
 from .tracing import FACING
 
-__all__ = ["Signals", "View", "light_gradients", "measure_signals"]
+__all__ = ["Signals", "View", "measure_signals"]
 
 COARSE = 4  # pixels of the picture along a pixel of the coarse one
 LEAST_SIZE = 160  # of a coarse picture, along its shorter side: smaller ones lose what is thin
@@ -111,6 +112,15 @@ class View:
     needless_chunks: int
     cascade_shares: tuple[float, ...]
 
+    @cached_property
+    def steps_across(self):
+        """How far a metre along each of `light_gradients` leads across each edge (e, 2) [pixels].
+
+        Pixels of the full picture.
+        """
+        steps = surface_steps(self.camera, self.edges, self.edge_normals, light_gradients(self.sun))
+        return np.einsum("ea,eak->ek", self.edge_across, steps)
+
     def penumbra_widths(self):
         """Width of the sun's penumbra at every edge [pixels of the full picture].
 
@@ -121,9 +131,7 @@ class View:
         -------
         widths : (e,) float64
         """
-        steps = surface_steps(self.camera, self.edges, self.edge_normals, light_gradients(self.sun))
-        across = np.einsum("ea,eak->ek", self.edge_across, steps)
-        return self.penumbra_metres() * np.linalg.norm(across, axis=1)
+        return self.penumbra_metres() * np.linalg.norm(self.steps_across, axis=1)
 
     def penumbra_metres(self):
         """Width of the sun's penumbra at every edge, across the light (e,) [m]."""
@@ -275,13 +283,6 @@ def measure_signals(renderer, scene, cameras, suns):
         sides.append(seen)
         views.append(view)
     return _summary(scene, tuple(views), cameras, suns, sides, spent)
-
-
-def light_gradients(sun):
-    """Two unit vectors (2, 3) across the light, for lengths in metres."""
-    x_axis = np.cross(sun.to_light, np.eye(3)[np.abs(sun.to_light).argmin()])
-    x_axis /= np.linalg.norm(x_axis)
-    return np.stack([x_axis, np.cross(sun.to_light, x_axis)])
 
 
 def coarse_camera(camera):

@@ -273,6 +273,13 @@ def sun_direction(azimuth_deg, elevation_deg):
     return np.array([cos_el * sin_az, sin_el, cos_el * cos_az])
 
 
+def light_gradients(sun):
+    """Two unit vectors (2, 3) across the light, for lengths in metres."""
+    x_axis = np.cross(sun.to_light, np.eye(3)[np.abs(sun.to_light).argmin()])
+    x_axis /= np.linalg.norm(x_axis)
+    return np.stack([x_axis, np.cross(sun.to_light, x_axis)])
+
+
 def _sin_cos_deg(angle_deg):
     """Sine and cosine; 0 and +-1 exactly at the axes, where a hard shadow shows 6e-17."""
     quarter, rest = divmod(angle_deg, 90.0)

@@ -51,7 +51,7 @@ def cases_of(cases, size=None):
         Each an object, or what `csm render` takes: a file or the name of a made scene; a camera and
         a sun by their names in it or described; None for the scene's first. A scene may also be
         ``(source, ground)``, with a ground at that height [m], and a sun ``(name, diameter)``, with
-        a disc of that width [degrees].
+        a disc of that width [degrees]. Or a Case, which is taken as it is.
     size : (int, int), optional
         Of every picture, instead of the cameras' own.
 
@@ -76,6 +76,8 @@ def cases_of(cases, size=None):
 def _case(name, case, size, loaded, digests):
     if not isinstance(name, str) or not name:
         raise TypeError(f"cases must have names (got {name!r})")
+    if isinstance(case, Case):
+        return case
     if not isinstance(case, (tuple, list)) or len(case) != 3:
         raise TypeError(f"cases: {name!r} must be (scene, camera, sun) (got {case!r})")
     scene, camera, sun = case

@@ -1,4 +1,4 @@
-"""Truths on disk: a scene, camera and sun are traced once, by whoever comes first."""
+"""Truths on disk, and what else takes long: made once, by whoever comes first."""
 
 import os
 import uuid
@@ -12,7 +12,7 @@ import numpy as np
 from .digests import code_digest, digest, scene_digest
 from .tracing import Truth, truth
 
-__all__ = ["cached_truth", "truth_arrays", "truth_from_arrays"]
+__all__ = ["cached_truth", "kept_on_disk", "truth_arrays", "truth_from_arrays"]
 
 SHOWN = ("scene", "camera", "sun")  # of a Truth: what it is of, which its arrays go without
 
@@ -50,25 +50,55 @@ def cached_truth(
     options = {"rays_per_pixel": rays_per_pixel, "standard_error": standard_error}
     if folder is None:
         return truth(scene, camera, sun, **options, progress=progress)
-    path = Path(folder) / f"{truth_digest(scene, camera, sun, **options)}.npz"
+    return kept_on_disk(
+        Path(folder) / f"{truth_digest(scene, camera, sun, **options)}.npz",
+        make=lambda: truth(scene, camera, sun, **options, progress=progress),
+        to_arrays=truth_arrays,
+        from_arrays=lambda saved: truth_from_arrays(saved, scene, camera, sun),
+    )
+
+
+def kept_on_disk(path, make, to_arrays, from_arrays):
+    """Read what a file holds, or make it and write it there.
+
+    Parameters
+    ----------
+    path : Path
+        An ``.npz``, made with its folder if new; it appears when it is complete, and one that does
+        not read is made again.
+    make : callable
+        Returns it.
+    to_arrays, from_arrays : callable
+        It as a dict of arrays, and back; the latter may raise KeyError, TypeError or ValueError.
+
+    Returns
+    -------
+    found : object
+        The same, made or read.
+
+    Raises
+    ------
+    OSError
+        If the file cannot be written, or a folder is where it belongs.
+    """
     try:
         with open(path, "rb") as file, np.load(file, allow_pickle=False) as saved:
-            return truth_from_arrays(dict(saved), scene, camera, sun)
+            return from_arrays(dict(saved))
     except IsADirectoryError:
         raise IsADirectoryError(
-            f"{path}: a folder is where a traced truth is to be kept; move it away"
+            f"{path}: a folder is where a result is to be kept; move it away"
         ) from None
     except (FileNotFoundError, KeyError, EOFError, ValueError, TypeError, zipfile.BadZipFile):
         pass  # not there, or not whole
-    traced = truth(scene, camera, sun, **options, progress=progress)
+    made = make()
     path.parent.mkdir(parents=True, exist_ok=True)
     beside = path.with_name(f".{uuid.uuid4().hex}.npz")
     try:
-        np.savez(beside, **truth_arrays(traced))
+        np.savez(beside, **to_arrays(made))
         os.replace(beside, path)
     finally:
         beside.unlink(missing_ok=True)
-    return traced
+    return made
 
 
 def truth_digest(scene, camera, sun, *, rays_per_pixel=1, standard_error=None):

@@ -247,9 +247,9 @@ def _verdict(reason, ours, other, moves):
     change, least = float(change), float(least)
     if not reason.taken:
         return change >= -least, abs(change) <= least, f"{said} when added"
-    if reason.saves:
+    if reason.saves:  # but what it spares may be errors as well
         saved = _saved(ours, other)
-        holds = bool(saved) and change >= -least
+        holds = change > least or (bool(saved) and change >= -least)
         return holds, holds, f"saves {saved or 'nothing'}; {said} without"
     return change > least, change > least, f"{said} when removed"
 

@@ -125,7 +125,7 @@ def test_misses_in_a_row_shorten_the_way_from_what_fitted(search_for):
     search, model = search_for(budget), CostModel()
     every = sorted(search.candidates(model), key=lambda one: one.ms)
     low, high = (
-        _timed(one, search.signals, lambda _, ms=ms: [(0.5 * ms, 0.5 * ms)])
+        _timed(one, search, lambda _, ms=ms: [(0.5 * ms, 0.5 * ms)])
         for one, ms in ((every[0], 10.0), (every[-1], 40.0))
     )
     least, most = every[0].ms, every[-1].ms
@@ -170,8 +170,8 @@ def test_model_fits_all_that_was_timed_but_one_outlier(search_for, at):
     machine = Machine(
         search, lambda m, o, _: (3 * m, 0.5 * o), [9.0 * (k == at) + 1 for k in range(3)]
     )
-    points = [_timed(machine.every[k], search.signals, machine) for k in (0, 40, -1)]
-    model = _fitted(points, search.signals)
+    points = [_timed(machine.every[k], search, machine) for k in (0, 40, -1)]
+    model = _fitted(points, search)
     for one in machine.every[::10]:
         assert model.parts(one.settings, search.signals) == pytest.approx(
             machine.parts(one.settings)

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 import csm
-from csm.causes import CAUSES, Stages
+from csm.causes import CAUSES, Stages, _Surface
 
 pytest.importorskip("embreex", reason="causes are told apart by rays (extra: truth)")
 
@@ -434,3 +434,21 @@ def test_a_frame_without_shadows_errs_by_sign_alone(renderer, truth):
     assert mean["too_bright"] == mean["total"] > 0.0
     assert mean["too_dark"] == 0.0
     assert "aliasing" not in mean
+
+
+def test_the_nearest_occluder_is_that_of_every_texels_own_ray(renderer, truth):
+    """Texels that many points of a plane share are traced once; here each is, for each point."""
+    settings = csm.ShadowSettings(map_size=256, cascade_count=1)
+    frame = renderer.render(SCENE, CAMERA, SUN, settings, outputs=OUTPUTS)
+    judged = truth.valid & truth.facing
+    surface = _Surface(Stages(frame, truth, judged), 0, np.flatnonzero(judged)[::7])
+    nearest = truth.occluder_distances(surface.point, surface.normal)
+    whole = np.floor(surface.texels)
+    for du in (-1, 0, 1):
+        for dv in (-1, 0, 1):
+            there = surface.on_plane(whole + 0.5 + (du, dv))
+            distance = truth.occluder_distances(there, surface.normal)
+            nearest = np.minimum(nearest, distance)
+    assert np.isfinite(nearest).any()
+    assert np.isinf(nearest).any()
+    assert surface.nearest_occluder(1) == pytest.approx(nearest, abs=1e-5)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import csm
-from csm import cli, report_command
+from csm import cli, report_command, report_runs
 from csm.hard_cases import CASES, RECORDS
 from csm.report_pictures import crop_picture, error_crop_picture, front_picture
 from csm.report_runs import CROP, crop_place, path_of, with_crops_and_flicker
@@ -423,6 +423,31 @@ def test_crops_show_the_truth_that_judged(tmp_path):
     assert np.isnan(found.crop.values[0, 1]).all(), "of a point that failed nothing is shown"
     assert found.flicker.values[0, 0] == 0.0, "snapped windows hold still"
     assert np.isnan(found.flicker.values[0, 1])
+
+
+def test_a_report_that_was_stopped_goes_on(tmp_path, monkeypatch):
+    pytest.importorskip("embreex", reason="truths are traced (extra: truth)")
+    case = {"box": ("plane_and_box", "corner", "diagonal")}
+    options = {"families": ["warps"], "size": (64, 48), "repeats": 1, "causes": False}
+    taken, calls = report_runs._Look._taken, []
+
+    def stopped(look, settings):
+        calls.append(settings)
+        if len(calls) == 3:
+            raise KeyboardInterrupt
+        return taken(look, settings)
+
+    monkeypatch.setattr(report_runs._Look, "_taken", stopped)
+    with pytest.raises(KeyboardInterrupt):
+        csm.sweep_techniques(case, out=tmp_path, **options)
+    first = csm.sweep_techniques(case, out=tmp_path, **options)
+    assert len(calls) == 3 + first.sizes["technique"] - 2  # two were done, the third is made again
+    again = csm.sweep_techniques(case, out=tmp_path, **options)
+    assert len(calls) == 1 + first.sizes["technique"], "nothing is left to make"
+    xarray.testing.assert_identical(first, again)
+    fresh = csm.sweep_techniques(case, **options)
+    for name in ("crop", "flicker", "flicker_transition"):
+        xarray.testing.assert_identical(first[name], fresh[name])
 
 
 def test_the_path_walks_and_turns():

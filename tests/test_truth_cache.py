@@ -171,6 +171,6 @@ def test_a_folder_in_a_truths_place_is_said(scene, camera, tmp_path, traced):
     (file,) = tmp_path.iterdir()
     file.unlink()
     file.mkdir()
-    with pytest.raises(IsADirectoryError, match=rf"{file}: a folder is where a traced truth"):
+    with pytest.raises(IsADirectoryError, match=rf"{file}: a folder is where a result"):
         cached_truth(scene, camera, SUN, tmp_path)
     assert len(traced) == 1, "refused before it is traced"
