@@ -12,8 +12,8 @@ __all__ = ["LEFT_OUT", "Arranged", "arrange"]
 
 # Of the automatic bias: texels of slope, and the steepest slope.
 BIAS_TEXELS, STEEPEST = 0.25, 1000.0
-# Of what hard edges miss of penumbrae, the share that a kernel may leave out: a sixth of what taps
-# miss (forecasts.SOFT_REST). Wider kernels thin the taps of narrow penumbrae.
+# Of what hard edges miss of penumbrae, the share that a kernel may leave out: a quarter of what
+# taps miss (forecasts.SOFT_REST). Wider kernels thin the taps of narrow penumbrae.
 LEFT_OUT = 0.05
 
 

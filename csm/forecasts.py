@@ -16,7 +16,7 @@ FARTHEST = 8.0
 DISC = 2.0 / (3.0 * math.pi)
 # Of what hard edges miss of a penumbra, what percentage-closer soft shadows of 16 taps still miss,
 # and what those of 8 taps miss more: measured.
-SOFT_REST, SOFT_FEW = 0.3, 0.08
+SOFT_REST, SOFT_FEW = 0.2, 0.08
 # An edge cannot be softer than its shadow is wide, either: pixels at which penumbrae end.
 WIDEST = 64.0
 # Of soft shadows [texels].

@@ -15,6 +15,7 @@ from .decisions import (
     SMALLEST,
     SOFT_PIXELS,
     TAPS,
+    WARP_GAIN,
     WORLD_ELEVATION_DEG,
     Situation,
     wanted_faces,
@@ -278,8 +279,10 @@ class Search:
             every += [
                 one
                 for plain in every
-                for changes in ({"turned": True}, {"warp": "lispsm"})
-                for one in self._better(plain, **changes)
+                for one in (
+                    *self._better(plain, turned=True),
+                    *self._better(plain, WARP_GAIN, warp="lispsm"),
+                )
             ]
         return every
 
@@ -288,11 +291,11 @@ class Search:
         now, then = (self.forecaster.aliasing(s) for s in (settings, settings.replace(**changes)))
         return now < (1.0 - GAIN) * then
 
-    def _better(self, settings, **changes):
+    def _better(self, settings, gain=GAIN, **changes):
         """Changed settings, if the forecast gains by them what counts; in a list."""
         changed = settings.replace(**changes)
         now, then = (self.forecaster.aliasing(s) for s in (settings, changed))
-        return [changed] if then < (1.0 - GAIN) * now else []
+        return [changed] if then < (1.0 - gain) * now else []
 
 
 def cheapest(candidate):
