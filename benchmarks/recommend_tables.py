@@ -57,6 +57,7 @@ def what(line):
     if s["filter"] == "pcss":
         words.append(f"{s['tap_count']} taps")
     words += ["turned"] if s["turned"] else []
+    words += [s["warp"]] if s["warp"] != "none" else []
     words += ["sdsm"] if s["split"] == "sdsm" else []
     words += [s["caster_faces"]] if s["caster_faces"] != "both" else []
     return " ".join(words)

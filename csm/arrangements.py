@@ -33,6 +33,8 @@ class Arranged:
         Along the light [m].
     windows : (n,) float64
         Longer side of each window [m].
+    held : (n,) bool
+        Whether receivers lie between each one's splits.
     wanted : float
         Least part of a map that a kernel must be wide.
     """
@@ -43,6 +45,7 @@ class Arranged:
     receiver_bias: np.ndarray
     receiver_cascade: np.ndarray
     windows: np.ndarray
+    held: np.ndarray
     wanted: float
 
 
@@ -72,7 +75,10 @@ def arrange(view, wide, settings, scene):
     reach = np.linalg.norm(across, axis=1)  # of a disc one map wide: an ellipse in the picture
     moved = mean_displacement(across)
     wanted = _narrowest(reach, wide, view.edge_lengths)
-    return Arranged(moved, reach, cascade, bias, taken, windows, wanted)
+    depths = (held - view.camera.eye) @ -view.camera.backward
+    slices = np.searchsorted(cascades.splits[1:-1], depths)
+    some = np.bincount(slices, minlength=cascades.count) > 0
+    return Arranged(moved, reach, cascade, bias, taken, windows, some, wanted)
 
 
 def _across(view, cascades, settings, cascade):

@@ -172,8 +172,10 @@ class Decision:
 def wanted_format(at, map_size=None):
     """Depth format: 16 bits where their step is below the bias that surfaces need anyway.
 
-    Of sizes (k,) as many.
+    Of sizes (k,) as many. Under a warp no step is the same everywhere: 32 bits.
     """
+    if at.settings.warp != "none":
+        return np.full(np.shape(map_size), "d32f").tolist()
     return np.where(_quantum_16(at) < _needed_bias(at, map_size), "d16", "d32f").tolist()
 
 
@@ -479,7 +481,9 @@ TABLE = (
         source="view_range scene ends behind the scene: docs/numerics.md 2",
         cost="light over true shadows at the end",
         taken=lambda at: at.settings.fade_width > 0.0,
-        measured=lambda at: "the range holds all that is seen",
+        measured=lambda at: (
+            f"what is seen ends at {at.signals.depth_edges[-1]:.3g} m, inside the range"
+        ),
         flipped=lambda at: {"fade_width": 0.1},
     ),
     Decision(
@@ -507,6 +511,8 @@ TABLE = (
         measured=lambda at: (
             f"step {1e3 * _quantum_16(at):.2g} mm over {at.signals.depth_span:.3g} m, "
             f"bias {1e3 * _needed_bias(at):.2g} mm"
+            if at.settings.warp == "none"
+            else "depths are bent by the warp: no step is the same everywhere"
         ),
         flipped=lambda at: {"depth_format": "d16" if at.settings.depth_format != "d16" else "d32f"},
         saves=lambda at: at.settings.depth_format == "d16",
@@ -539,7 +545,7 @@ TABLE = (
             "in motion, where it cannot be snapped"
         ),
         source="forecast; docs/recommendation.md, docs/numerics.md 21",
-        cost="maps take two to three times as long to fill, a shader writes their depth",
+        cost="a shader writes depth: maps take 2 to 3 times as long to fill on llvmpipe",
         taken=lambda at: at.settings.warp != "none",
         measured=lambda at: (
             f"light {at.signals.light_view_angle_deg:.0f} degrees from the view, depths in a ratio "

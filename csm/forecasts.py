@@ -21,6 +21,8 @@ SOFT_REST, SOFT_FEW = 0.2, 0.08
 WIDEST = 64.0
 # Of soft shadows [texels].
 LARGEST_KERNEL = 65
+# Of the widest window: slices without receivers have windows of nothing.
+NOTHING = 1e-3
 # Measured over forecast errors: of broad casters, and what thin ones add, whose shadows a quarter
 # of the picture does not resolve and a coarse map loses altogether.
 EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
@@ -129,13 +131,32 @@ class Forecaster:
             dark = float(self._signals.shadowed_share)
             return Expected(dark, dark, 0.0)
         aliasing, leak = self.aliasing(settings, map_size), self.leak(settings, map_size)
-        soft, left = self.penumbra(), 0.0
-        rest = 1.0
+        left = 0.0
         if settings.filter == "pcss":
-            rest = SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
             left = self.left_out(settings, map_size, filter_size)
-        held = np.hypot(aliasing, rest * soft) + leak
-        return Expected(np.hypot(aliasing, rest * (soft - left) + left) + leak, held, left)
+        held = np.hypot(aliasing, self.softness(settings, 0.0)) + leak
+        return Expected(np.hypot(aliasing, self.softness(settings, left)) + leak, held, left)
+
+    def softness(self, settings, left=None):
+        """Mean absolute error of penumbrae under the filter of the settings.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        left : float or (k,) float64, optional
+            What the kernel leaves out, if not `left_out`.
+
+        Returns
+        -------
+        share : float, or (k,) float64
+            `penumbra` under hard edges.
+        """
+        soft = self.penumbra()
+        if settings.filter != "pcss":
+            return soft
+        rest = SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
+        left = self.left_out(settings) if left is None else left
+        return rest * (soft - left) + left
 
     def left_out(self, settings, map_size=None, filter_size=None):
         """Mean absolute error of penumbrae that are as wide as a kernel can make them.
@@ -243,10 +264,25 @@ class Forecaster:
     def texel_sides(self, settings, map_size=None):
         """Longer side of a texel of each cascade that receivers take (n,), or (k, n) [m]."""
         windows = self._taken(0, settings).windows
-        wide = windows > 1e-3 * windows.max()  # slices without receivers have windows of nothing
+        wide = windows > NOTHING * windows.max()
         if map_size is None:
             return windows[wide] / np.asarray(map_sizes(settings), float)[wide]
         return windows[wide] / _column(map_size)
+
+    def has_idle_cascades(self, settings):
+        """Whether a cascade has no receivers in any view.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+
+        Returns
+        -------
+        idle : bool
+        """
+        views = range(len(self._signals.views))
+        held = np.any([self._taken(number, settings).held for number in views], axis=0)
+        return not held.all()
 
     def _taken(self, number, settings):
         """What an arrangement of windows makes of one view."""

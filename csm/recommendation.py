@@ -303,10 +303,11 @@ class Recommendation(Recorded):
     def _headline(self):
         s = self.settings
         size = max(map_sizes(s))
+        fit = s.fit if s.warp == "none" else f"{s.fit}, warp {s.warp}"
         what = (
             "no shadow maps"
             if s.filter == "none"
-            else f"{s.cascade_count} x {size}² {s.depth_format.upper()}, {s.filter}, fit {s.fit}"
+            else f"{s.cascade_count} x {size}² {s.depth_format.upper()}, {s.filter}, fit {fit}"
         )
         return (
             f"{what}: {100.0 * self.expected_error:.2g} % error and {self.expected_ms:.0f} ms "
@@ -472,8 +473,10 @@ def obstacle_of(search, chosen, model, goal):
     budget, limit = goal["budget_ms"], goal["max_error"]
     if budget is not None and chosen.ms > budget:
         maps, others = model.parts(chosen.settings, search.signals)
-        what = "shadow maps" if maps > others else "the camera's view and the mask"
-        return f"{what} alone take {max(maps, others):.3g} ms of {budget:g} ms (map_size, filter)"
+        what = (
+            "map_size: shadow maps" if maps > others else "filter: the camera's view and the mask"
+        )
+        return f"{what} alone take {max(maps, others):.3g} ms of {budget:g} ms"
     if limit is not None and chosen.error > limit:
         return _error_obstacle(search, chosen, model, goal)
     if budget is None and limit is None and not search.forecast(chosen.settings, model).met:
@@ -486,9 +489,10 @@ def obstacle_of(search, chosen, model, goal):
 def _error_obstacle(search, chosen, model, goal):
     """Which effect leaves more error than asked for: the largest of the forecast's three terms."""
     settings, told = chosen.settings, search.forecaster
-    aliasing, soft, leak = told.aliasing(settings), told.penumbra(), told.leak(settings)
+    aliasing, soft, leak = told.aliasing(settings), told.softness(settings), told.leak(settings)
     if soft > max(aliasing, leak):
-        return f"filter: penumbrae leave {100.0 * soft:.2g} % with hard edges, softened in part"
+        edges = "soft" if settings.filter == "pcss" else "hard"
+        return f"filter: penumbrae leave {100.0 * soft:.2g} % with {edges} edges"
     if leak > aliasing:
         what = f"bias: light within a quarter texel of slope leaves {100.0 * leak:.2g} %"
     else:

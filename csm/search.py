@@ -272,19 +272,33 @@ class Search:
         if signals.orthographic:
             every = [settings.replace(split="uniform")]
         elif count > 1:
-            if settings.cull != "exclusive" and not self._gains(settings, select="interval"):
-                every = [settings.replace(select="interval")]
-            every += self._better(every[0], split="sdsm")
+            plain = self._selected(settings)
+            every = [plain, *self._better(plain, split="sdsm")]
+            if self.forecaster.has_idle_cascades(plain):
+                every = [plain.replace(split="sdsm")]
         if not moves:  # neither can be snapped
             every += [
                 one
                 for plain in every
                 for one in (
                     *self._better(plain, turned=True),
-                    *self._better(plain, WARP_GAIN, warp="lispsm"),
+                    # exclusive culling means nothing under a warp
+                    *map(
+                        self._selected,
+                        self._better(plain, WARP_GAIN, warp="lispsm", cull="inclusive"),
+                    ),
                 )
             ]
-        return every
+        held = [one for one in every if not self.forecaster.has_idle_cascades(one)]
+        return held if count > 1 else every
+
+    def _selected(self, settings):
+        """Settings, by interval where map selection gains nothing."""
+        if settings.cascade_count == 1 or settings.cull == "exclusive":
+            return settings
+        if self._gains(settings, select="interval"):
+            return settings
+        return settings.replace(select="interval")
 
     def _gains(self, settings, **changes):
         """Whether settings are better than changed ones by what counts."""

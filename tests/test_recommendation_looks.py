@@ -129,7 +129,9 @@ def test_a_slanted_receiver_is_no_occluder_of_its_own(renderer, elevation):
     scene = csm.Scene.merge(plain(60.0), csm.Scene.from_arrays(corners, [[0, 1, 2], [0, 2, 3]]))
     sun = csm.Sun.from_compass(90, elevation, 0.5)
     centre = -2.0 / np.tan(np.radians(elevation)) * np.array([1.0, 0.0, 0.0])
-    camera = csm.Camera.look_at(centre + np.array([0, 30, 1]), centre, fov_y_deg=30, far=90, size=SIZE)
+    camera = csm.Camera.look_at(
+        centre + np.array([0, 30, 1]), centre, fov_y_deg=30, far=90, size=SIZE
+    )
     (seen,) = measure_signals(renderer, scene, [camera], [sun]).views
     on_ground = seen.edges[:, 1] < 1.0
     assert np.count_nonzero(on_ground) > 50

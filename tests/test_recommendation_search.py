@@ -1,0 +1,140 @@
+"""What csm.recommend searches among: warps, cascades that hold receivers, costs of the machine."""
+
+import dataclasses
+
+import numpy as np
+import pytest
+
+import csm
+from csm import shapes
+from csm.forecasts import GPU, CostModel, cost_model_of, forecast_cost
+from csm.search import Search
+from csm.signals import measure_signals
+from csm.verification import picture_error
+
+SIZE = (640, 360)
+NO_GOAL = {"max_error": None, "budget_ms": None, "max_bytes": None}
+
+
+@pytest.fixture(scope="module")
+def road():
+    scene = csm.scenes.long_road()
+    return scene, scene.cameras["driver"].replace(size=SIZE), scene.suns["side"]
+
+
+def test_a_warp_is_taken_where_it_makes_shadows_better(renderer, road):
+    scene, camera, sun = road
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
+    settings = found.settings
+    assert settings.warp == "lispsm"
+    (reason,) = (one for one in found.reasons if one.effect == "warp")
+    assert reason.taken
+    truth = csm.truth(scene, camera, sun, rays_per_pixel=16)
+    warped, plain = (
+        picture_error(renderer.render(scene, camera, sun, one), truth)
+        for one in (settings, reason.flipped)
+    )
+    assert warped < 0.7 * plain
+
+
+def test_what_means_nothing_under_a_warp_is_not_recommended(renderer, road):
+    scene, camera, sun = road
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    signals = dataclasses.replace(signals, needless_chunks=3)  # which calls for exclusive culling
+    search = Search(signals, scene, NO_GOAL, 16384)
+    every = [one.settings for one in search.candidates(CostModel())]
+    warped = [one for one in every if one.warp != "none"]
+    assert any(one.cascade_count > 1 for one in warped)
+    assert any(one.cull == "exclusive" for one in every)
+    for settings in warped:
+        assert settings.canonical().cull == settings.cull == "inclusive"
+        if settings.cascade_count > 1:
+            assert settings.canonical().select == settings.select
+        assert settings.depth_format == "d32f"  # no step of 16 bits is the same everywhere
+        assert not settings.turned
+
+
+def test_no_warp_in_motion(renderer, road):
+    scene, camera, sun = road
+    path = [camera, camera.translated(0.1 * camera.right)]
+    found = csm.recommend(scene, path, sun, renderer=renderer)
+    assert found.settings.warp == "none"
+
+
+@pytest.fixture(scope="module")
+def gap():
+    """Ground at one's feet, and a cliff 700 m away: nothing is seen between."""
+    near = csm.Scene([shapes.mesh("ground", shapes.box((-3, -1, -6), (3, 0, -2)))])
+    far = csm.Scene([shapes.mesh("cliff", shapes.box((-200, -60, -760), (200, 60, -700)))])
+    camera = csm.Camera.look_at(
+        (0, 1.7, 0), (0, 0.2, -8), fov_y_deg=50, near=0.1, far=900, size=SIZE
+    )
+    return csm.Scene.merge(near, far), camera, csm.Sun((0.3, 1, 1.5))
+
+
+def receivers_per_slice(view, settings, scene):
+    held = np.concatenate([view.receivers, view.outline])
+    cascades = csm.fit_cascades(view.camera, view.sun, settings, scene=scene, receivers=held)
+    depths = (held - view.camera.eye) @ -view.camera.backward
+    return np.histogram(depths, cascades.splits)[0]
+
+
+def test_no_cascade_without_receivers(renderer, gap):
+    scene, camera, sun = gap
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    (view,) = signals.views
+    practical = csm.ShadowSettings(fit="visible", snap="none")
+    assert (receivers_per_slice(view, practical, scene) == 0).any(), "four slices have a gap"
+    search = Search(signals, scene, NO_GOAL, 16384)
+    every = {one.arranged for one in search.candidates(CostModel())}
+    assert max(one.cascade_count for one in every) > 1
+    for settings in every:
+        if settings.warp == "none":
+            counts = receivers_per_slice(view, settings, scene)
+            assert settings.cascade_count == 1 or (counts > 0).all(), settings
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
+    outputs = ("mask", "valid", "view_depth", "normal")
+    frame = renderer.render(scene, camera, sun, found.settings, outputs=outputs)
+    facing = frame.valid & (frame.normal @ sun.to_light > 1e-3)
+    depth = frame.view_depth[facing]
+    assert (np.histogram(depth, frame.cascades.splits)[0] > 0).all()
+
+
+def test_costs_to_begin_with_are_those_of_the_driver(renderer, road):
+    assert cost_model_of({"software": True}) == CostModel()
+    assert cost_model_of({"software": False}) == GPU
+    scene, camera, sun = road
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    plain = csm.ShadowSettings(fit="visible", cascade_count=2, map_size=2048)
+    changes = ({"warp": "lispsm"}, {"split": "sdsm"}, {"turned": True})
+
+    def dearer(model):
+        before = forecast_cost(plain, signals, model)
+        return [forecast_cost(plain.replace(**one), signals, model) / before for one in changes]
+
+    # a shader that writes depth, and passes over the picture, are what software lacks hands for
+    software, gpu = dearer(CostModel()), dearer(GPU)
+    assert software[0] > 2.0
+    assert gpu[0] == 1.0
+    assert min(software[1:]) > 1.02
+    assert max(gpu[1:]) < 1.02
+    larger = plain.replace(map_size=4096)
+    assert forecast_cost(larger, signals, GPU) > 1.5 * forecast_cost(plain, signals, GPU)
+
+
+@pytest.mark.parametrize("model", [CostModel(), GPU], ids=["llvmpipe", "gpu"])
+def test_costs_of_many_sizes_are_those_of_each(renderer, road, model):
+    scene, camera, sun = road
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    settings, sizes = csm.ShadowSettings(fit="visible", cascade_count=3), np.array([256, 1722])
+    together = forecast_cost(settings, signals, model, map_size=sizes)
+    for size, cost in zip(sizes.tolist(), together, strict=True):
+        assert cost == forecast_cost(settings.replace(map_size=size), signals, model)
+
+
+def test_forecasts_of_many_sizes_are_those_of_each(renderer, road):
+    scene, camera, sun = road
+    search = Search(measure_signals(renderer, scene, [camera], [sun]), scene, NO_GOAL, 16384)
+    for one in search.candidates(CostModel())[::29]:
+        assert one.error == search.forecast(one.settings, CostModel()).error
+        assert one.ms == search.forecast(one.settings, CostModel()).ms
