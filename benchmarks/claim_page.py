@@ -19,7 +19,7 @@ holds under none and fails under some, **undecided** if it differs from case to 
   choice over that of the other, on one view of one scene. Cases are grouped by condition.
 - A group **holds** where its mean, and all of the 95 % bootstrap interval of the mean, lie within
   what the claim states; it **fails** where all of that lies outside; anything else, or fewer than
-  three cases, is **open**. Means of ratios are geometric. For claims about a range the share of the
+  six cases, is **open**. Means of ratios are geometric. For claims about a range the share of the
   cases that lie in it decides: four fifths hold, one fifth fails. Cases share scenes, so that an
   interval speaks of these scenes and not of all there are.
 - Thresholds were written down before the run that is shown. The conditions of four claims were

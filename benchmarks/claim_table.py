@@ -75,9 +75,9 @@ CLAIMS = (
             "llvmpipe, a rasteriser on the CPU, gains nothing by the branch: with it the mask "
             "costs about what it costs without (next claim), even in a view that has no "
             "transition at all, as of a driver that runs both sides under a mask. An H200 does "
-            "branch: it takes 0.046 ms with the branch, 0.054 without, 0.027 without blending "
-            "(8 taps). What is left of the increase is finding a point's place in its cascade, "
-            "which next to so few taps is no small part; of a whole frame it is 1 to 4 %."
+            "branch: the mask's times stand beside each view. What is left of the increase is "
+            "finding a point's place in its cascade, which next to so few taps is no small part; "
+            "of a whole frame it is a few per cent."
         ),
         timed=True,
     ),
@@ -98,8 +98,7 @@ CLAIMS = (
         why=(
             "Each pixel looks up two maps instead of one, and chooses two cascades. The more of "
             "the pass is lookups, the nearer that is to twice the time; what all pixels pay "
-            "anyway, reading the receiver and finding its cascade, keeps it below. (One view "
-            "lies above twice: the machine was busy, as its quartiles and load show.)"
+            "anyway, reading the receiver and finding its cascade, keeps it below."
         ),
         timed=True,
     ),
@@ -145,7 +144,8 @@ CLAIMS = (
         measure=claim_times.more_cascades_cost,
         why=(
             "Both look up one map a pixel, so that only drawing differs: 0.65 of the texels, but "
-            "two more passes over the casters, which weigh more. The half was that of leaving "
+            "two more passes over the casters, which weigh more where casters are many or "
+            "vertices dear, as on llvmpipe. The half was that of leaving "
             "perspective maps and three separate lookups, in the same rewrite."
         ),
         timed=True,
@@ -165,9 +165,10 @@ CLAIMS = (
         measure=claim_times.variance_maps,
         why=(
             "Variance maps are paid for by the texel, all of them, however few the picture looks "
-            "up, and by the width of the blur; compares by the pixel and by the tap. Eight taps, "
-            "and 9 x 9 gathered ones, cost less than making moments and blurring them, and the "
-            "more so the larger the maps; 25 x 25 cost more. Looking up is cheaper with variance "
+            "up, and by the width of the blur; compares by the pixel and by the tap. On llvmpipe "
+            "eight taps, and 9 x 9 gathered ones, cost less than making moments and blurring "
+            "them, and the more so the larger the maps; on an H200 they are much nearer to each "
+            "other. 25 x 25 compares cost more. Looking up is cheaper with variance "
             "in every row (the mask alone), as was promised of it. In error it is no worse here "
             "than compares under an equal kernel: what weighed against it in the source was how "
             "it leaks."
@@ -239,7 +240,7 @@ CLAIMS = (
             "one holds the middle of everything behind it. Across the view tight boxes lie side "
             "by side and there is little to gain; spheres overlap anyway, so that selection by "
             "map gains there too, only less. Where one cascade holds nearly all of the picture "
-            "(the fence) nothing is gained at any angle."
+            "(the fence) hardly anything is gained at any angle."
         ),
     ),
     Claim(
@@ -265,8 +266,9 @@ CLAIMS = (
             "A warp evens out texels between the two ends of a slice. With the light across the "
             "view it brings the coarsest texels to about those of maps with four times as many, "
             "the paper's point and by its own measure: they are finer in most views along the "
-            "ground, whose slices are long, and in few from above. The mean error does not "
-            "follow: it is no better than that of maps of the same size without a warp. With the "
+            "ground, whose slices are long, and in few from above. The mean error follows in half "
+            "of the views along the ground, those whose shadows lie far away; in the others it "
+            "is no better than that of maps of the same size without a warp. With the "
             "light from behind the camera there is nothing to even out, and the warped window is "
             "only larger. More texels help in every view."
         ),

@@ -1,7 +1,7 @@
 """What is measured for the claims about time: a function a claim, Bench to Cases.
 
-Settings are rendered in turns, with a frame that does not count before each that does; every number
-is a median with its quartiles. Times are those of this machine's driver.
+Settings are rendered in turns of up to three frames that count, after one that does not; every
+number is a median with its quartiles. Times are those of this machine's driver.
 """
 
 import shutil
@@ -17,7 +17,7 @@ import csm
 
 PICTURE = (1280, 720)
 TIMED = ("town street", "forest path", "ms_shadow_columns dueling", "denhaag_lod2 oblique",
-         "bigtujunga_dem ridge")  # fmt: skip
+         "bigtujunga_dem ridge", "forest_assembled path", "littlest_tokyo street")  # fmt: skip
 SUN_DISC, SOFT_RAYS = 0.53, 16  # degrees, rays a pixel: what penumbrae are judged by
 
 
@@ -150,7 +150,7 @@ def more_cascades_cost(bench):
 
 # -- variance maps ---------------------------------------------------------------------------------
 
-VARIANCE_VIEWS, VARIANCE_ROUNDS = 3, 3  # they take seconds a frame without a GPU
+VARIANCE_VIEWS, VARIANCE_ROUNDS = LEAST_CASES, 3  # they take seconds a frame without a GPU
 MAPS = {"5 maps of 640²": (5, 640), "4 maps of 1024²": (4, 1024)}
 OPPONENTS = {
     "8 Poisson taps": (5, {"filter": "poisson", "tap_count": 8, "filter_size": 5}),

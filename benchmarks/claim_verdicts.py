@@ -11,8 +11,9 @@ measured. A rule says which values the claim states. The verdict follows from th
 In a group the mean of the values (of their logarithms, if they are ratios) has a 95 % bootstrap
 interval over the cases. The claim *holds* there if the whole interval lies within what it states,
 *fails* if all of it lies outside, and is *open* if it straddles the bound or there are fewer than
-three cases. Of a claim about a range ("2.8 to 4.0 times") it is asked of every case: it holds if
-four fifths of them lie within, and fails if no more than one fifth does.
+six cases, of which chance alone makes an interval. Of a claim about a range ("2.8 to 4.0 times") it
+is asked of every case: it holds if four fifths of them lie within, and fails if no more than one
+fifth does.
 """
 
 import math
@@ -20,10 +21,12 @@ from dataclasses import dataclass, field
 
 import numpy as np
 
+from csm.fronts import FEWEST_CASES
+
 REPRODUCED, NOT_REPRODUCED = "reproduced", "not reproduced"
 DEPENDS, UNDECIDED = "depends on", "undecided"
 HOLDS, FAILS, OPEN = "holds", "fails", "open"
-LEAST_CASES = 3
+LEAST_CASES = FEWEST_CASES
 RESAMPLES = 4000
 SHARE = 0.8  # of the cases of a group, for claims about a range
 

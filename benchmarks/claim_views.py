@@ -7,7 +7,7 @@ import numpy as np
 from cases import entries
 
 import csm
-from csm.timing import in_turns, quartiles, total_ms
+from csm.timing import in_turns, quartiles, total_ms, warm_up_s
 
 SIZE = (480, 270)  # where errors are judged
 OUTPUTS = ("mask", "valid", "view_depth", "cascade_index")
@@ -159,7 +159,9 @@ class Bench:
             renderer, settings = jobs[name]
             return self.render(view, settings, outputs=("mask",), renderer=renderer).timings_ms
 
-        for name, samples in in_turns(list(jobs), frame_times, repeats=rounds):
+        for name, samples in in_turns(
+            list(jobs), frame_times, repeats=rounds, warm_up=warm_up_s(self.renderer.info)
+        ):
             if isinstance(samples, Exception):
                 raise samples
             found[name] = {key: quartiles([one[key] for one in samples]) for key in samples[0]}

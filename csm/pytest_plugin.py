@@ -63,8 +63,9 @@ def assert_shadows_match(frame, truth, *, max_error, causes=None, folder=None):
         Largest mean absolute error of single causes, e.g. ``{"false_shadow": 1e-3}``.
     folder : path, optional
         Where rendered, reference and difference (PNG and npy), errors, and of a Frame and a Truth
-        settings, camera, sun, rays and the scene's digest go on failure; nowhere by default. What
-        lies there is replaced by a failure and never removed.
+        settings, camera, sun, rays and the scene's digest go on failure. By default the folder of
+        the test that runs, as of `shadow_case`; without one, nowhere. What lies there is replaced
+        by a failure.
 
     Raises
     ------
@@ -96,6 +97,7 @@ def assert_shadows_match(frame, truth, *, max_error, causes=None, folder=None):
     if not broken:
         return
     lines = [f"{name} {value:.4%} > {limit:.4%}" for name, (value, limit) in broken.items()]
+    folder = _running.get("folder") if folder is None else folder
     if folder is not None:
         arrays = {
             "rendered": getattr(frame, "mask", frame),
@@ -202,6 +204,19 @@ def _remove_evidence(folder):
                 (path / name).unlink()
         with suppress(OSError):  # something of somebody else's, or not there
             path.rmdir()
+
+
+_running = {}  # "folder": that of the evidence of the test that runs
+
+
+def pytest_runtest_setup(item):
+    """Know where evidence of the test goes that begins."""
+    _running["folder"] = evidence_folder(item.config, item.nodeid)
+
+
+def pytest_runtest_teardown():
+    """Forget it again."""
+    _running.clear()
 
 
 def pytest_addoption(parser):

@@ -21,7 +21,7 @@ from .progress import Progress
 from .report_runs import sweep_techniques
 from .reports import report
 from .scenes import SCENES
-from .spaces import as_whole
+from .spaces import as_number, as_whole
 from .sun import Sun
 from .sweeps import MOST_REPEATS
 from .techniques import FAMILIES, settings_by_name
@@ -71,6 +71,12 @@ def add_report_options(command):
         default=str(SOFT_RAYS),
         metavar="N",
         help=f"rays per pixel to the disc of a sun that has one (default {SOFT_RAYS})",
+    )
+    add(
+        "--standard-error",
+        type=float,
+        metavar="E",
+        help="of the soft truth: rays are added until it is at most this (default: --rays alone)",
     )
     add(
         "--sun-diameter",
@@ -158,6 +164,10 @@ def run_report(options):
     with named("--families"):
         techniques = settings_by_name(families)
     repeats = as_whole("--repeats", options.repeats, 1, MOST_REPEATS)
+    error = options.standard_error
+    if error is not None:
+        with named("--standard-error"):
+            error = as_number("standard_error", error, 1e-9, 1.0)
     if options.sun_diameter is not None:
         with named("--sun-diameter"):
             Sun((0.0, 1.0, 0.0), options.sun_diameter)
@@ -184,6 +194,7 @@ def run_report(options):
             size=size,
             repeats=repeats,
             rays_per_pixel=rays,
+            standard_error=error,
             causes=options.causes,
             processes=options.processes,
             backend=options.backend,

@@ -1,5 +1,6 @@
 """What a report shows: techniques swept, the same spot under each, and its flicker."""
 
+import warnings
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -8,6 +9,7 @@ import numpy as np
 from .camera import Camera
 from .digests import digest
 from .disc import SOFT_RAYS
+from .errors import ContextError, CsmError
 from .metrics import compare
 from .motion import flicker
 from .renderer import Renderer
@@ -32,7 +34,11 @@ KEPT = 0.9  # of the error in the best crop, that one with the error in its midd
 FRAMES = 4  # of the path that flicker is taken from
 STEP_SHARE = 4e-3  # of the median depth seen, that the camera goes sideways from frame to frame
 TURN_DEG = 0.05
-POINTS = 4000
+POINTS, SEED = 4000, 1
+PATH = (
+    f"{FRAMES} frames: from each to the next {STEP_SHARE:g} of the median depth sideways, and "
+    f"{TURN_DEG:g} degrees"
+)
 
 
 def crop_place(error, judged, size=CROP):
@@ -120,6 +126,7 @@ def sweep_techniques(
     size=None,
     repeats=None,
     rays_per_pixel=SOFT_RAYS,
+    standard_error=None,
     causes=True,
     processes=1,
     client=None,
@@ -144,6 +151,8 @@ def sweep_techniques(
         As for `csm.sweep`.
     rays_per_pixel : int
         Of the truth, for suns with a disc; a point sun takes one whatever it says.
+    standard_error : float, optional
+        As for `csm.truth`: rays are added until that of a soft truth is at most this.
     causes : bool
         Whether errors are told by cause, which takes a ray per pixel and texel of every kernel.
     processes, client
@@ -173,6 +182,7 @@ def sweep_techniques(
     >>> found.sizes["case"], "flicker" in found
     (1, True)
     """
+    rays = {"rays_per_pixel": rays_per_pixel, "standard_error": standard_error}
     tell = progress or (lambda share: None)
     techniques = settings_by_name(families)
     cases = {case.name: case for case in cases_of(cases, size)}
@@ -182,7 +192,7 @@ def sweep_techniques(
         base=base,
         out=out,
         repeats=repeats,
-        rays_per_pixel=rays_per_pixel,
+        **rays,
         causes=CAUSES_SHOWN if causes else None,
         processes=processes,
         client=client,
@@ -193,7 +203,7 @@ def sweep_techniques(
         dataset,
         {name: (case.scene, case.camera, case.sun) for name, case in cases.items()},
         base=base,
-        rays_per_pixel=rays_per_pixel,
+        **rays,
         out=out,
         backend=backend,
         advance=lambda share: tell(SWEPT + (1.0 - SWEPT) * share),
@@ -201,7 +211,15 @@ def sweep_techniques(
 
 
 def with_crops_and_flicker(
-    dataset, cases, *, base=None, rays_per_pixel=1, out=None, backend="auto", advance=None
+    dataset,
+    cases,
+    *,
+    base=None,
+    rays_per_pixel=1,
+    standard_error=None,
+    out=None,
+    backend="auto",
+    advance=None,
 ):
     """Add crops and flicker to a sweep over techniques.
 
@@ -213,8 +231,8 @@ def with_crops_and_flicker(
         Objects, the cameras of the sizes that were swept.
     base : ShadowSettings, optional
         What the techniques change.
-    rays_per_pixel : int
-        Of the truth, as the sweep had it.
+    rays_per_pixel, standard_error
+        Of the truth, as the sweep had them.
     out : path, optional
         Folder of the sweep: truths are read there, crops and flicker kept there.
     backend : str
@@ -236,34 +254,29 @@ def with_crops_and_flicker(
     crops = np.full((*shape, *CROP), np.nan, np.float32)
     shown_truths = np.full((shape[0], *CROP), np.nan)
     places, rates = np.zeros((shape[0], 2), int), np.full((*shape, 2), np.nan)
+    rays = {"rays_per_pixel": rays_per_pixel, "standard_error": standard_error}
     truths = None if out is None else Path(out) / TRUTHS
-    done = 0
-    with Renderer(backend) as renderer:  # one for all: its programs are made once
+    sound = dataset.status.values == "ok"
+    # one for all: its programs are made once
+    with Renderer(backend) as renderer:
         for i, (scene, camera, sun) in enumerate(cases.values()):
-            exact = cached_truth(scene, camera, sun, truths, rays_per_pixel=rays_per_pixel)
-            points = _points_of(exact)
-            path = path_of(camera, _median_depth(camera, points[0]))
-            first = renderer.render(scene, camera, sun, base.replace(**changes[BASELINE]))
-            report = compare(first, exact)
-            places[i] = crop_place(np.abs(report.per_pixel["total"]), report.judged)
-            cut = np.s_[
-                places[i, 0] : places[i, 0] + CROP[0], places[i, 1] : places[i, 1] + CROP[1]
-            ]
-            seen = exact.valid[cut]
-            shown = np.where(seen, exact.mask[cut], np.nan)
-            shown_truths[i, : shown.shape[0], : shown.shape[1]] = shown
-            look = _Look(renderer, scene, path, sun, points, cut)
-            for j, name in enumerate(names):
-                done += 1
-                if str(dataset.status.values[i, j]) != "ok":
-                    continue
+            if not sound[i].any():
+                continue  # not even a truth, maybe
+            exact = cached_truth(scene, camera, sun, truths, **rays)
+            look = _look(renderer, exact, base.replace(**changes[BASELINE]))
+            places[i] = [part.start for part in look.cut]
+            seen = exact.valid[look.cut]
+            shown_truths[i, : seen.shape[0], : seen.shape[1]] = np.where(
+                seen, exact.mask[look.cut], np.nan
+            )
+            for j in np.flatnonzero(sound[i]):
                 key = "" if out is None else str(dataset.key.values[i, j])
-                mask, rates[i, j] = look.kept(base.replace(**changes[name]), out, key)
+                mask, rates[i, j] = look.kept(base.replace(**changes[names[j]]), out, key)
                 crops[i, j, : seen.shape[0], : seen.shape[1]] = np.where(seen, mask, np.nan)
                 if advance is not None:
-                    advance(done / (shape[0] * shape[1]))
+                    advance((i + (j + 1) / shape[1]) / shape[0])
     place = ("case", "technique")
-    return dataset.assign(
+    found = dataset.assign(
         crop=((*place, "y", "x"), crops),
         crop_truth=(("case", "y", "x"), shown_truths),
         crop_row=("case", places[:, 0]),
@@ -271,13 +284,24 @@ def with_crops_and_flicker(
         flicker=(place, rates[..., 0], {"units": "1"}),
         flicker_transition=(place, rates[..., 1], {"units": "1"}),
     )
+    return found.assign_attrs(flicker_path=PATH, flicker_points=POINTS, flicker_seed=SEED)
+
+
+def _look(renderer, exact, baseline):
+    """What is looked at in a case: where the baseline is most wrong, and points along a path."""
+    points = _points_of(exact)
+    path = path_of(exact.camera, _median_depth(exact.camera, points[0]))
+    report = compare(renderer.render(exact.scene, exact.camera, exact.sun, baseline), exact)
+    row, column = crop_place(np.abs(report.per_pixel["total"]), report.judged)
+    cut = np.s_[row : row + CROP[0], column : column + CROP[1]]
+    return _Look(renderer, exact.scene, path, exact.sun, points, cut)
 
 
 def _points_of(exact):
     """Points and normals of visible surfaces that face the sun, the same for all techniques."""
     seen = exact.valid & exact.facing
     points, normals = exact.position[seen], exact.normal[seen]
-    chosen = np.random.default_rng(1).permutation(len(points))[:POINTS]
+    chosen = np.random.default_rng(SEED).permutation(len(points))[:POINTS]
     return points[chosen], normals[chosen]
 
 
@@ -299,7 +323,19 @@ class _Look:
     cut: tuple
 
     def kept(self, settings, out, key):
-        """Crop and flicker from the sweep's folder, where they stay under the point's key."""
+        """Crop and flicker, from the sweep's folder, where they stay under the point's key.
+
+        NaN where they cannot be had, as of maps too large for the driver beside all else.
+        """
+        try:
+            return self._kept(settings, out, key)
+        except (CsmError, MemoryError) as error:
+            if isinstance(error, ContextError):
+                raise
+            warnings.warn(f"no crop and no flicker: {error}", stacklevel=3)
+            return np.nan, np.full(2, np.nan)
+
+    def _kept(self, settings, out, key):
         if out is None:
             return self._taken(settings)
         name = digest(key, [part.start for part in self.cut])

@@ -89,8 +89,8 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     check_folder(folder, "out")
     folder.mkdir(parents=True, exist_ok=True)
     pictures = {}
-    dataset = dataset.transpose("case", "technique", ...)
-    parts = [*_head(dataset, title), *best_table(dataset)]
+    dataset, paces = at_one_pace(dataset.transpose("case", "technique", ...))
+    parts = [*_head(dataset, title, paces), *best_table(dataset)]
     for case in dataset.case.values:
         parts += _case(
             dataset.sel(case=case), pictures, str(case), _about(dataset.attrs, str(case))
@@ -126,23 +126,61 @@ def _by_technique(dataset):
     return joined.assign_coords(technique=names, family=("technique", families))
 
 
-def _head(dataset, title):
+def at_one_pace(dataset):
+    """Give times as if the machine had been as fast all along.
+
+    Groups of points are timed beside the sweep's first settings. What these took there over their
+    median of the case is the pace of a group, and divides its times.
+
+    Parameters
+    ----------
+    dataset : xarray.Dataset
+        Of `csm.sweep`, with an axis ``technique``.
+
+    Returns
+    -------
+    dataset : xarray.Dataset
+    paces : (float, float) or None
+        The least and the greatest; None where nothing was timed beside.
+    """
+    if "ms_reference" not in dataset or not dataset.ms_reference.notnull().any():
+        return dataset, None
+    pace = dataset.ms_reference / dataset.ms_reference.median("technique")
+    known = pace.where(pace.notnull(), 1.0)
+    times = [name for name in dataset if str(name).startswith("ms_") and name != "ms_reference"]
+    adjusted = {name: (dataset[name] / known).assign_attrs(dataset[name].attrs) for name in times}
+    return dataset.assign(adjusted), (float(pace.min()), float(pace.max()))
+
+
+def _head(dataset, title, paces):
     where = dataset.attrs.get("driver", "")
     return [
         "<!doctype html><html lang='en'><meta charset='utf-8'>",
         "<meta name='viewport' content='width=device-width'>",
         f"<title>csm: {html.escape(title)}</title><style>{STYLE}</style>",
         f"<h1>{html.escape(title)}</h1>",
-        "<p>Every technique below drew the same pictures on the same machine, in turns, and was "
+        "<p>Every technique below drew the same pictures on the same machine, and was "
         "judged pixel by pixel against ray tracing. <b>Error</b> is the mean of |mask − truth| "
         "over the pixels that face the sun; <b>wrong</b> the share of them on the other side of "
         "one half. <b>Time</b> is the median of all passes of a frame, reading back left out; "
         "in the tables its first and third quartiles stand beside it. "
+        f"{_pace_sentence(paces)}"
         "<b>Memory</b> is that of shadow maps and what is made of them. A technique that nothing "
         "beats in error and cost at once lies on the front, the line in the pictures.</p>",
         f"<p class='note'>{html.escape(str(where))}</p>" if where else "",
         *_glossary(dataset),
     ]
+
+
+def _pace_sentence(paces):
+    if paces is None:
+        return ""
+    low, high = paces
+    return (
+        "Techniques were timed in groups, each in turns with the first of all, whose time changed "
+        f"from group to group, from {low:.2f} to {high:.2f} of its median; the times below have "
+        "that taken out. "
+    )
 
 
 def _glossary(dataset):
@@ -199,7 +237,12 @@ def _about(attributes, case):
         return ""
     reference = "a point" if not disc else f"a disc of {disc:g}°"
     if disc and rays > 1:
-        reference += f", which the truth averages over {rays} rays a pixel"
+        least = attributes.get("standard_error")
+        reference += ", which the truth averages over " + (
+            f"so many rays that its standard error is at most {float(least):g}"
+            if least
+            else f"{rays} rays a pixel"
+        )
     elif disc:
         reference += ", though the truth is that of a point in its middle"
     width, height = camera["size"]

@@ -66,8 +66,9 @@ def provenance(cases, axes, base, records, protocol, measured_by):
         "measured_by": measured_by,
         "timing": (
             "medians and quartiles over frames that count; a frame that does not count goes before "
-            "whenever another point's was drawn; points of a case in turns; ms_total is the sum of "
-            "the passes without readback"
+            "whenever another point's was drawn; points of a case in turns, eight at a time, with "
+            "the sweep's first settings among them (ms_reference); ms_total is the sum of the "
+            "passes without readback"
         ),
         "repeats": (
             f"{LEAST} to {MOST}, until the quartiles lie within {SPREAD:.0%} of the median"
@@ -76,7 +77,7 @@ def provenance(cases, axes, base, records, protocol, measured_by):
         ),
         "rays_per_pixel": protocol["rays_per_pixel"],
         "standard_error": protocol["standard_error"] or "",
-        "seed": "none: what is spread is a function of the numbers of pixel and ray",
+        "seed": "none in the sweep: what is spread is a function of the numbers of pixel and ray",
         "causes": " ".join(protocol["causes"]),
         "base": json.dumps(base.to_dict()),
         "axes": json.dumps({axis.name: list(axis.changes) for axis in axes}),

@@ -35,6 +35,11 @@ VALUES = {
     "judged_count": (np.float64, "1", "pixels judged"),
     "bytes": (np.float64, "bytes", "textures and buffers of a frame that makes the mask alone"),
     "bytes_maps": (np.float64, "bytes", "of those, shadow maps, moments and what makes them"),
+    "ms_reference": (
+        np.float64,
+        "ms",
+        "median total of the sweep's first settings, timed in turns with this point",
+    ),
 }
 # What comes with a cause, where that is asked for.
 WITH_CAUSES = {

@@ -7,6 +7,7 @@ with every task that Dask sends.
 
 import atexit
 import datetime
+import math
 import os
 import pickle
 import platform
@@ -22,7 +23,7 @@ from .metrics import compare
 from .plans import map_bytes
 from .renderer import Renderer
 from .sweep_journal import FAILED, OK, blank_record
-from .timing import HOST, in_turns, quartiles, total_ms
+from .timing import HOST, in_turns, quartiles, total_ms, warm_up_s
 from .truth_cache import truth_arrays, truth_from_arrays
 
 __all__ = [
@@ -51,6 +52,7 @@ class Options:
     repeats: int | None
     backend: str
     stage: str
+    reference: object = field(default=None, repr=False)  # settings timed beside every few points
 
 
 @dataclass(frozen=True)
@@ -129,19 +131,45 @@ def measure(renderer, truth, jobs, options, *, stopped=lambda: False):
             truth.scene, truth.camera, truth.sun, job.settings, outputs=TIMED_OUTPUTS
         )
         whole = 1e3 * (time.perf_counter() - start)
-        judged[job.key]["info"] = frame.info
+        if job.key in judged:
+            judged[job.key]["info"] = frame.info
         return {**frame.timings_ms, HOST: max(0.0, whole - sum(frame.timings_ms.values()))}
 
     left = [job for job in jobs if job.key in judged]
-    for job, samples in in_turns(left, frame_times, repeats=options.repeats, stopped=stopped):
+    pace = _pace_of(left, options.reference)
+    timed = in_turns(
+        left if pace is None or pace in left else [pace, *left], frame_times,
+        repeats=options.repeats, stopped=stopped, warm_up=warm_up_s(renderer.info),
+    )  # fmt: skip
+    waiting, pace_ms = [], None if pace else math.nan
+    for job, samples in timed:
         if isinstance(samples, ContextError):
             raise samples
-        if isinstance(samples, Exception):
-            yield _record(job, FAILED, renderer, message=_sentence(samples))
-            continue
-        found = judged[job.key]
-        found["bytes"] = found["info"]["bytes"]
-        yield _record(job, OK, renderer, found=found, ms=_summed(samples), frames=len(samples))
+        if job is pace:
+            failed = isinstance(samples, Exception)
+            pace_ms = math.nan if failed else _summed(samples)["total"][0]
+        if job in left:
+            waiting.append((job, samples))
+        if pace_ms is not None:
+            for one in waiting:
+                yield _timed_record(*one, renderer, judged, pace_ms)
+            waiting.clear()
+
+
+def _pace_of(jobs, reference):
+    """Job that all groups of a case's points are timed beside: one of these, or its own."""
+    if reference is None or not jobs:
+        return None
+    same = [job for job in jobs if job.settings.canonical() == reference.canonical()]
+    return same[0] if same else Job("", reference)
+
+
+def _timed_record(job, samples, renderer, judged, pace_ms):
+    if isinstance(samples, Exception):
+        return _record(job, FAILED, renderer, message=_sentence(samples))
+    found = judged[job.key]
+    found |= {"bytes": found["info"]["bytes"], "ms_reference": pace_ms}
+    return _record(job, OK, renderer, found=found, ms=_summed(samples), frames=len(samples))
 
 
 def _judge(renderer, truth, settings, options):

@@ -1,6 +1,7 @@
 """Sweeps: every combination of settings over scenes, cameras and suns, judged and timed."""
 
 import contextlib
+import dataclasses
 import importlib
 import os
 import sys
@@ -113,8 +114,10 @@ def sweep(
         passes without ``readback``, ``ms_<pass>``, the cascades of a pass added up, 0 where
         settings have no such pass, and ``ms_host``, what the call took beside: medians, with
         quartiles in ``…_q1`` and ``…_q3``; ``frames``, how many were timed; ``bytes`` of a frame
-        and ``bytes_maps``, its maps and what makes them; ``status``, ``message``, ``key``. Units
-        and provenance in the attributes.
+        and ``bytes_maps``, its maps and what makes them; ``status``, ``message``, ``key``;
+        ``ms_reference``, what the first settings of all took beside the point: points are timed in
+        groups, and a machine's pace changes from group to group. Units and provenance in the
+        attributes.
 
     Raises
     ------
@@ -132,7 +135,8 @@ def sweep(
     Notes
     -----
     A point's first frames, which compile and allocate, do not count, nor does the frame after
-    another point's; points of a case are timed in turns. ``clock`` in the attributes names the
+    another point's; eight points of a case and the sweep's first settings are timed in turns.
+    ``clock`` in the attributes names the
     clock; docs/sweeps.md says more.
 
     Examples
@@ -156,6 +160,8 @@ def sweep(
     workers, measured_by = _workers(processes, client)
     _check_packages(out, {axis.name for axis in axes})
     points = points_of(base, axes)
+    first = next((point.settings for point in points if point.settings is not None), None)
+    options = dataclasses.replace(options, reference=first)
     keys = _keys(cases, points, options, rays)
     with Journal(None if folder is None else folder / JOURNAL) as journal:
         left = _left(cases, keys, points, journal)
@@ -172,6 +178,7 @@ def sweep(
                 run_here(work, options, land)
         records = _records(cases, points, keys, journal)
         protocol = {**rays, **vars(options)}
+        del protocol["reference"]
         dataset = dataset_of(
             cases,
             axes,

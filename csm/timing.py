@@ -1,14 +1,17 @@
 """Times that can be trusted: warmed up, taken in turns, given as medians with quartiles.
 
-A first frame compiles, allocates and faults pages in; a frame after another technique's finds
-neither its textures nor its caches. Neither is what the technique costs, and a mean of cold and
-warm frames is nothing at all. So a turn begins with a frame that does not count, techniques take
-turns of a few frames so that what drifts meets all of them, and rounds go on until the quartiles
-are close.
+A GPU that has nothing to do slows its clock, and takes about a second to speed up. A first frame
+compiles, allocates and faults pages in; a frame after another technique's finds neither its
+textures nor its caches. None of these is what the technique costs, and a mean of cold and warm
+frames is nothing at all. So a turn begins with a frame that does not count, techniques take turns
+of a few frames so that what drifts meets all of them, and rounds go on until the quartiles are
+close.
 """
 
+import contextlib
 import math
 import re
+import time
 
 import numpy as np
 
@@ -22,6 +25,7 @@ __all__ = [
     "is_settled",
     "quartiles",
     "total_ms",
+    "warm_up_s",
 ]
 
 LEAST = 5  # frames that count, at least
@@ -88,7 +92,22 @@ def is_settled(samples, repeats=None):
     return max(median - first, third - median) <= SPREAD * median
 
 
-def in_turns(jobs, frame_times, *, repeats=None, stopped=lambda: False):
+def warm_up_s(info):
+    """Seconds that frames are drawn before any is timed: none without a GPU.
+
+    Parameters
+    ----------
+    info : mapping
+        `Renderer.info`.
+
+    Returns
+    -------
+    seconds : float
+    """
+    return 0.0 if info["software"] else 1.5
+
+
+def in_turns(jobs, frame_times, *, repeats=None, stopped=lambda: False, warm_up=0.0):
     """Time jobs round by round; each is handed over when its times have settled.
 
     Parameters
@@ -101,6 +120,8 @@ def in_turns(jobs, frame_times, *, repeats=None, stopped=lambda: False):
         As in `is_settled`.
     stopped : callable
         Asked before every job; True ends it all.
+    warm_up : float
+        Seconds that frames of the first job are drawn before any is timed.
 
     Yields
     ------
@@ -112,6 +133,10 @@ def in_turns(jobs, frame_times, *, repeats=None, stopped=lambda: False):
     samples = {number: [] for number in range(len(jobs))}
     run = RUN if repeats is None else min(RUN, -(-repeats // 2))  # two turns at least
     last = None
+    begun = time.perf_counter()
+    with contextlib.suppress(Exception):  # a job that fails says so in its turn
+        while jobs and time.perf_counter() < begun + warm_up and not stopped():
+            frame_times(jobs[0])
     while samples:
         for number in list(samples):
             if stopped():

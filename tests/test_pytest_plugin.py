@@ -2,6 +2,7 @@
 
 import json
 import os
+import shutil
 import subprocess
 import sys
 from importlib.metadata import entry_points
@@ -11,7 +12,7 @@ import pytest
 
 import csm
 from csm.digests import scene_digest
-from csm.pytest_plugin import assert_shadows_match, write_evidence
+from csm.pytest_plugin import assert_shadows_match, evidence_folder, write_evidence
 from csm.records import load_settings
 from csm.sweep_cases import camera_from_text, sun_from_text
 
@@ -134,12 +135,27 @@ def test_masks_of_any_engine_are_judged(tmp_path):
     mask[1, 1] = 0.0
     assert_shadows_match(mask, truth, max_error=0.05, causes={"false_shadow": 0.05})
     with pytest.raises(AssertionError, match=r"disagreement 5\.0000% > 1\.0000%"):
-        assert_shadows_match(mask, truth, max_error=0.01)
+        assert_shadows_match(mask, truth, max_error=0.01, folder=tmp_path)
     with pytest.raises(AssertionError, match="false_shadow 5"):
-        assert_shadows_match(mask, truth, max_error=1.0, causes={"false_shadow": 0.0})
+        assert_shadows_match(
+            mask, truth, max_error=1.0, causes={"false_shadow": 0.0}, folder=tmp_path
+        )
     with pytest.raises(AssertionError, match=str(tmp_path / "here")):
         assert_shadows_match(mask, truth, max_error=0.0, folder=tmp_path / "here")
     assert (tmp_path / "here" / "difference.png").stat().st_size > 50
+
+
+def test_evidence_goes_where_the_running_test_leaves_it(request):
+    folder = evidence_folder(request.config, request.node.nodeid)
+    assert not folder.exists()
+    try:
+        with pytest.raises(AssertionError) as failed:
+            assert_shadows_match(np.zeros((2, 3)), np.ones((2, 3)), max_error=0.0)
+        assert str(folder) in str(failed.value)
+        for name in ("rendered.png", "reference.png", "difference.png"):
+            assert (folder / name).exists()
+    finally:
+        shutil.rmtree(folder, ignore_errors=True)
 
 
 @pytest.mark.parametrize(

@@ -13,6 +13,7 @@ from csm.hard_cases import CASES, RECORDS
 from csm.report_pictures import crop_picture, error_crop_picture, front_picture
 from csm.report_runs import CROP, crop_place, path_of, with_crops_and_flicker
 from csm.report_tables import against_baseline
+from csm.reports import at_one_pace
 from csm.techniques import BASELINE, FAMILIES, settings_by_name
 
 xarray = pytest.importorskip("xarray", reason="reports are made of datasets (extra: sweep)")
@@ -61,6 +62,49 @@ def test_page_needs_no_other_file_and_says_what_the_dataset_says(dataset, tmp_pa
     assert text.count("data:image/png") == len(list(tmp_path.glob("*.png"))) + 8  # errors too
     assert all(path.read_bytes().startswith(b"\x89PNG") for path in tmp_path.glob("*.png"))
     assert f"width: {CROP[1]}px; }}" in text, "a pixel of a crop is a pixel of the page, or two"
+
+
+def test_times_are_given_at_one_pace(dataset, tmp_path):
+    """While the third was timed the machine took twice as long for everything."""
+    assert at_one_pace(dataset)[1] is None
+    beside = np.array([[10.0, 10.0, 20.0, 10.0], [12.0, 12.0, 24.0, np.nan]])
+    timed = dataset.assign(ms_reference=(("case", "technique"), beside))
+    even, paces = at_one_pace(timed)
+    assert paces == (1.0, 2.0)
+    np.testing.assert_allclose(even.ms_total.values[0], [10.0, 14.0, 15.0, 5.0])
+    np.testing.assert_allclose(even.ms_total.values[1], [12.0, 15.0, 16.5, np.nan])
+    text = csm.report(timed, out=tmp_path).read_text(encoding="utf-8")
+    assert "from 1.00 to 2.00 of its median" in text
+
+
+def test_a_technique_that_cannot_be_shown_does_not_end_the_report(gl, monkeypatch):
+    pytest.importorskip("embreex", reason="truths are traced (extra: truth)")
+    taken = report_runs._Look._taken
+
+    def failing(look, settings):
+        if settings.warp == "psm":
+            raise MemoryError("all gone")
+        return taken(look, settings)
+
+    monkeypatch.setattr(report_runs._Look, "_taken", failing)
+    case = {"box": ("plane_and_box", "corner", "diagonal")}
+    with pytest.warns(UserWarning, match="all gone"):
+        found = csm.sweep_techniques(
+            case, families=["warps"], size=(64, 48), repeats=1, causes=False
+        ).isel(case=0)
+    missing = np.isnan(found.flicker.values)
+    assert found.technique.values[missing].tolist() == ["PSM"]
+    assert np.isnan(found.crop.sel(technique="PSM").values).all()
+
+
+def test_a_report_says_how_exact_its_soft_truth_is(tmp_path):
+    pytest.importorskip("embreex", reason="truths are traced (extra: truth)")
+    out = tmp_path / "page"
+    words = ["report", "plane_and_box:corner:morning", "--sun-diameter", "6", "--size", "48x32"]
+    words += ["--families", "warps", "--repeats", "1", "--out", str(out), "--rays", "4"]
+    assert cli.main([*words, "--standard-error", "0.05", "--no-causes", "--quiet"]) == 0
+    text = (out / "report.html").read_text(encoding="utf-8")
+    assert "standard error is at most 0.05" in text
 
 
 def test_times_have_their_quartiles_and_transitions_a_column_of_their_own(dataset, tmp_path):

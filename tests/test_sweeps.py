@@ -253,6 +253,33 @@ def test_no_column_may_be_an_axis(swept):
     assert {name for name in own if not name.startswith("error_")} <= set(COLUMNS)
 
 
+@pytest.mark.parametrize("processes", [1, 2])
+def test_groups_are_timed_beside_the_first_settings(gl, monkeypatch, processes):
+    monkeypatch.setattr(sweep_runs, "GROUP", 2)
+    sizes = [64, 32, 16, 8]
+    found = csm.sweep({"box": BOX}, {"map_size": sizes}, processes=processes, **QUICK).isel(case=0)
+    beside = found.ms_reference.values
+    assert beside[0] == beside[1] == found.ms_total.values[0]
+    assert beside[2] == beside[3] > 0.0
+    assert beside[2] != beside[0]  # taken anew
+
+
+def test_without_the_first_settings_there_is_no_pace(gl, monkeypatch):
+    """What cannot be drawn cannot be a measure; the others have their numbers."""
+    real = sweep_worker.in_turns
+
+    def broken(jobs, frame_times, **more):
+        for job, samples in real(jobs, frame_times, **more):
+            yield job, MemoryError("all gone") if job.settings.map_size == 64 else samples
+
+    monkeypatch.setattr(sweep_worker, "in_turns", broken)
+    monkeypatch.setattr(sweep_runs, "GROUP", 1)
+    found = csm.sweep({"box": BOX}, {"map_size": [64, 32]}, **QUICK).isel(case=0)
+    assert found.status.values.tolist() == ["failed", "ok"]
+    assert np.isnan(found.ms_reference.values).all()
+    assert found.ms_total.values[1] > 0.0
+
+
 def test_a_render_that_fails_while_it_is_timed_is_a_record(gl, monkeypatch):
     def broken(jobs, frame_times, **_):
         for job in jobs:

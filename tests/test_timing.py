@@ -54,6 +54,17 @@ def test_jobs_take_turns_that_begin_with_a_frame_that_does_not_count(repeats, dr
     assert "".join(driver.drawn) == drawn
 
 
+def test_a_gpu_is_warmed_up_before_anything_counts(monkeypatch):
+    assert timing.warm_up_s({"software": True}) == 0.0
+    assert timing.warm_up_s({"software": False}) >= 1.0
+    clock = itertools.count()
+    monkeypatch.setattr(timing.time, "perf_counter", lambda: float(next(clock)))
+    driver, totals = run({"a": itertools.repeat(1.0), "b": itertools.repeat(1.0)}, repeats=1,
+                         warm_up=4.0)  # fmt: skip
+    assert "".join(driver.drawn) == "aaaabb"  # three in four seconds, then its turn, warm already
+    assert totals == {"a": [1.0], "b": [1.0]}
+
+
 def test_alone_a_job_stays_warm():
     driver, totals = run({"a": itertools.repeat(1.0)}, repeats=3)
     assert "".join(driver.drawn) == "aaaa"
