@@ -1,8 +1,10 @@
 """The tables of docs/recommendation.md, from the files of bench_recommend.py.
 
 ``python benchmarks/recommend_tables.py rows.jsonl quick.jsonl`` writes them between the marks in
-the docs; ``--print`` shows them instead. Of a case that is in several files the full line counts
-before the quick one, and of equals the last. Cases that no file has are listed with the reason.
+the docs; ``--print`` shows them instead. Goals are shown for every machine, driver and number of
+processes, that the files are of, the other tables for the one of which most decisions are known. Of
+a case that is in several files of one machine the full line counts before the quick one, and of
+equals the last. Cases that no file has are listed with the reason.
 """
 
 import argparse
@@ -22,14 +24,24 @@ MARKS = ("<!-- {}: benchmarks/recommend_tables.py -->", "<!-- end of {} -->")
 
 
 def gathered(paths):
-    """Lines by case, of those that have a case."""
-    lines = {}
+    """Lines by case, of those that have a case, by machine; that of most decisions first."""
+    machines = {}
     for path in paths:
         for case, line in read(path).items():
+            lines = machines.setdefault(machine(line), {})
             known = lines.get(case)
             if known is None or worth(line) >= worth(known):
                 lines[case] = line
-    return lines
+    order = sorted(machines, key=lambda name: -sum(map(worth, machines[name].values())))
+    return {name: machines[name] for name in order}
+
+
+def machine(line):
+    """What ran a case."""
+    shared = f", {line['processes']} processes at once" if line["processes"] > 1 else ""
+    return (
+        f"{line['driver']} on {line['cores']} cores{shared}, {line['size'][0]} x {line['size'][1]}"
+    )
 
 
 def worth(line):
@@ -105,35 +117,43 @@ def cases_table(lines):
     return out
 
 
-def goals_table(lines):
-    """What was to be reached, and was."""
+def goals_table(runs):
+    """What was to be reached, and was, by machine."""
+    columns = [goals_reached(lines) for lines in runs.values()]
+    out = ["| goal | " + " | ".join(runs) + " |", "|---" * (1 + len(runs)) + "|"]
+    for goal in dict.fromkeys(name for column in columns for name in column):
+        out.append(f"| {goal} | " + " | ".join(column.get(goal, "") for column in columns) + " |")
+    return out
+
+
+def goals_reached(lines):
+    """The same of one machine, by goal."""
     rows = [row for line in lines.values() for row in turned(line)]
     ratios = [line["ms"] / line["full_ms"] for line in lines.values()]
     spent = np.array([frames_of_analysis(line) for line in lines.values()])
-    out = [
-        "| goal | reached |",
-        "|---|---|",
-        "| within 5 % of the error or 0.05 % of the pixels of everything on | "
-        f"{sum(map(is_near, lines.values()))} of {len(lines)} |",
-        "| whole frame at most half the time of everything on, median | "
-        f"{np.median(ratios):.2f}, quartiles {np.percentile(ratios, 25):.2f} and "
-        f"{np.percentile(ratios, 75):.2f}, at most {max(ratios):.2f} |",
-    ]
+    analysis, frame = (
+        np.median([line[name] for line in lines.values()]) for name in ("analysis_ms", "frame_ms")
+    )
+    reached = {
+        "within 5 % of the error or 0.05 % of the pixels of everything on": (
+            f"{sum(map(is_near, lines.values()))} of {len(lines)}"
+        ),
+        "whole frame at most half the time of everything on, median": (
+            f"{np.median(ratios):.2f}, quartiles {np.percentile(ratios, 25):.2f} and "
+            f"{np.percentile(ratios, 75):.2f}, at most {max(ratios):.2f}"
+        ),
+    }
     if rows:
         held, strict = (sum(row[key] for row in rows) for key in ("confirmed", "strict"))
-        out.append(
-            f"| decisions confirmed, at least 90 % | {held} of {len(rows)}, "
-            f"{held / len(rows):.1%}; {strict} ({strict / len(rows):.0%}) if what was left out may "
-            "not make the picture worse either |"
+        reached["decisions confirmed, at least 90 %"] = (
+            f"{held} of {len(rows)}, {held / len(rows):.1%}; {strict} "
+            f"({strict / len(rows):.0%}) if what was left out may not make the picture worse either"
         )
-    out.append(
-        "| the analysis costs less than three frames of the recommendation | "
+    reached["the analysis costs less than three frames of the recommendation"] = (
         f"{np.count_nonzero(spent < FRAMES)} of {len(spent)}; median {np.median(spent):.1f}, at "
-        f"most {spent.max():.1f}; "
-        f"{np.median([line['analysis_ms'] for line in lines.values()]):.0f} ms beside frames of "
-        f"{np.median([line['frame_ms'] for line in lines.values()]):.0f} ms |"
+        f"most {spent.max():.1f}; {analysis:.0f} ms beside frames of {frame:.0f} ms"
     )
-    return out
+    return reached
 
 
 def effects_table(lines):
@@ -172,17 +192,21 @@ def refuted_list(lines):
     return out or ["None."]
 
 
-def machines(lines):
-    """What ran the cases."""
-    seen = {}
-    for line in lines.values():
-        shared = f", {line['processes']} processes at once" if line["processes"] > 1 else ""
-        text = (
-            f"{line['driver']} on {line['cores']} cores{shared}, "
-            f"{line['size'][0]} x {line['size'][1]}"
-        )
-        seen[text] = seen.get(text, 0) + 1
-    return [f"- {count} cases: {text}" for text, count in sorted(seen.items())]
+def elsewhere(runs):
+    """Cases that miss the goal of the error on the other machines, and are within it on the first.
+
+    What the first one misses too is in the table of cases.
+    """
+    (_, first), *others = runs.items()
+    out = []
+    for name, lines in others:
+        missed = [
+            f"{case} ({what(line)}: {why_missed(line)})"
+            for case, line in sorted(lines.items())
+            if not is_near(line) and (case not in first or is_near(first[case]))
+        ]
+        out.append(f"- {name}: {'; '.join(missed) or 'none'}")
+    return out or ["- no other machine"]
 
 
 def missing_list(lines, failed, folder):
@@ -196,19 +220,24 @@ def missing_list(lines, failed, folder):
     return out or ["None: every camera under every sun of every scene is in the table."]
 
 
-def blocks(lines, folder):
+def blocks(runs, folder):
     """Lines of text by the name of their block."""
-    failed = {case: line["failed"] for case, line in lines.items() if "failed" in line}
-    good = {case: line for case, line in lines.items() if case not in failed}
+    good = {
+        name: {case: line for case, line in lines.items() if "failed" not in line}
+        for name, lines in runs.items()
+    }
+    good = {name: lines for name, lines in good.items() if lines}
     if not good:
         sys.exit("no case in these files")
+    name, first = next(iter(good.items()))
+    failed = {case: line["failed"] for case, line in runs[name].items() if "failed" in line}
     return {
-        "cases": cases_table(good),
+        "cases": cases_table(first),
         "goals": goals_table(good),
-        "effects": effects_table(good),
-        "refuted": refuted_list(good),
-        "machines": machines(good),
-        "missing": missing_list(good, failed, folder),
+        "effects": effects_table(first),
+        "refuted": refuted_list(first),
+        "elsewhere": elsewhere(good),
+        "missing": missing_list(first, failed, folder),
     }
 
 

@@ -405,8 +405,17 @@ def test_tables_leave_out_what_could_not_be_turned(monkeypatch):
     line = {
         "rows": rows, "ms": 1.0, "full_ms": 2.0, "analysis_ms": 1.0, "frame_ms": 1.0,
         "error": 0.1, "full_error": 0.1, "dark": True, "settings": {},
+        "forecast": 0.1, "full_forecast": 0.1,
     }  # fmt: skip
-    assert "| 1 of 2, 50.0%;" in "\n".join(tables.goals_table({"a": line}))
+    other = {**line, "rows": [], "ms": 0.5}
+    runs = {"one": {"a": line}, "two": {"a": other, "b": {**other, "error": 0.2}}}
+    told = "\n".join(tables.goals_table(runs))
+    assert "| 1 of 2, 50.0%;" in told
+    assert "| 0.50, quartiles 0.50 and 0.50, at most 0.50 | 0.25, quartiles" in told
+    assert "of everything on | 1 of 1 | 1 of 2 |" in told
+    (missed,) = tables.elsewhere(runs)
+    assert missed.startswith("- two: b (")
+    assert "a (" not in missed
     assert "| 1/2 |" in tables.cases_table({"a": line})[-1]
     assert tables.effects_table({"a": line})[2:] == [
         "| blend | 0 of 1 | 0 of 1 | 0 of 0 | 0 of 0 |",

@@ -61,7 +61,7 @@ def test_a_gpu_is_warmed_up_before_anything_counts(monkeypatch):
     monkeypatch.setattr(timing.time, "perf_counter", lambda: float(next(clock)))
     driver, totals = run({"a": itertools.repeat(1.0), "b": itertools.repeat(1.0)}, repeats=1,
                          warm_up=4.0)  # fmt: skip
-    assert "".join(driver.drawn) == "aaaabb"  # three in four seconds, then its turn, warm already
+    assert "".join(driver.drawn) == "aaaaabb"  # three in four seconds, then turns
     assert totals == {"a": [1.0], "b": [1.0]}
 
 
