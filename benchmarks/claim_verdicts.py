@@ -135,10 +135,12 @@ def condition(verdict):
     """In which groups a claim holds and in which not; "" where it is one and the same in all."""
     if len({group.status for group in verdict.groups}) < 2:
         return ""
-    said = {HOLDS: "holds", FAILS: "fails", OPEN: "differs from case to case"}
-    parts = [
-        f"{words}: {'; '.join(verdict.those(status))}"
-        for status, words in said.items()
-        if verdict.those(status)
-    ]
+    few = [group.name for group in verdict.groups if group.count < LEAST_CASES]
+    said = {
+        "holds": verdict.those(HOLDS),
+        "fails": verdict.those(FAILS),
+        "differs from case to case": [name for name in verdict.those(OPEN) if name not in few],
+        "too few cases to tell": few,
+    }
+    parts = [f"{words}: {'; '.join(names)}" for words, names in said.items() if names]
     return ". ".join(part[0].upper() + part[1:] for part in parts)
