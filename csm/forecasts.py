@@ -6,11 +6,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .arrangements import arrange
-from .sampling import FARTHEST
 from .settings import map_sizes
 
 __all__ = ["GPU", "CostModel", "Expected", "Forecaster", "cost_model_of", "forecast_cost"]
 
+# An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
+FARTHEST = 8.0
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
 DISC = 2.0 / (3.0 * math.pi)
 # Of what hard edges miss of a penumbra, what percentage-closer soft shadows of 16 taps still miss,

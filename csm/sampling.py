@@ -19,8 +19,6 @@ __all__ = [
 ]
 
 LIT = 0.5  # a mask of at least this counts as lit
-# An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
-FARTHEST = 8.0
 NO_CASCADE = 255
 
 
@@ -209,7 +207,7 @@ def expected_aliasing(frame, truth, judged):
     the mean of |n . J d| over that square is ``max/4 + min²/(12 max)`` of |a_u| and |a_v|: a
     quarter of a texel for an edge along an axis, 0.236 for a diagonal one. Lengths are summed over
     neighbouring pixels that the edge separates, those in a row weighted by |n_x| and those in a
-    column by |n_y|. No edge counts as displaced by more than 8 pixels.
+    column by |n_y|.
 
     Parameters
     ----------
@@ -240,7 +238,7 @@ def expected_aliasing(frame, truth, judged):
         normal /= np.where(length > 0.0, length, 1.0)
         taken = 0.5 * (jacobian[one] + jacobian[other])[edge]
         mean = mean_displacement(np.abs(np.einsum("ma,mak->mk", normal, taken)))
-        expected += float((np.minimum(mean, FARTHEST) * np.abs(normal[:, axis])).sum())
+        expected += float((mean * np.abs(normal[:, axis])).sum())
     return expected / count
 
 

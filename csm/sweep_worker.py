@@ -17,7 +17,7 @@ import time
 from dataclasses import dataclass, field
 
 from .arguments import find_scene
-from .digests import code_digest, scene_digest
+from .digests import code_digest, digest, scene_digest
 from .errors import ContextError
 from .metrics import compare
 from .plans import map_bytes
@@ -31,6 +31,7 @@ __all__ = [
     "Job",
     "Load",
     "Options",
+    "mark_of",
     "measure",
     "packed",
     "release",
@@ -141,7 +142,7 @@ def measure(renderer, truth, jobs, options, *, stopped=lambda: False):
         left if pace is None or pace in left else [pace, *left], frame_times,
         repeats=options.repeats, stopped=stopped, warm_up=warm_up_s(renderer.info),
     )  # fmt: skip
-    waiting, pace_ms = [], None if pace else math.nan
+    waiting, pace_ms, mark = [], None if pace else math.nan, mark_of(options.reference)
     for job, samples in timed:
         if isinstance(samples, ContextError):
             raise samples
@@ -152,7 +153,7 @@ def measure(renderer, truth, jobs, options, *, stopped=lambda: False):
             waiting.append((job, samples))
         if pace_ms is not None:
             for one in waiting:
-                yield _timed_record(*one, renderer, judged, pace_ms)
+                yield _timed_record(*one, renderer, judged, pace_ms, mark)
             waiting.clear()
 
 
@@ -164,11 +165,16 @@ def _pace_of(jobs, reference):
     return same[0] if same else Job("", reference)
 
 
-def _timed_record(job, samples, renderer, judged, pace_ms):
+def mark_of(settings):
+    """What settings are known by that others are timed beside; "" of none."""
+    return "" if settings is None else digest(settings.canonical().to_dict())
+
+
+def _timed_record(job, samples, renderer, judged, pace_ms, mark):
     if isinstance(samples, Exception):
         return _record(job, FAILED, renderer, message=_sentence(samples))
     found = judged[job.key]
-    found |= {"bytes": found["info"]["bytes"], "ms_reference": pace_ms}
+    found |= {"bytes": found["info"]["bytes"], "ms_reference": pace_ms, "reference": mark}
     return _record(job, OK, renderer, found=found, ms=_summed(samples), frames=len(samples))
 
 

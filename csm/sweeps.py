@@ -32,7 +32,7 @@ from .sweep_tables import (
     write_csv,
     write_netcdf,
 )
-from .sweep_worker import MASK_CAUSES, Job, Options, measure
+from .sweep_worker import MASK_CAUSES, Job, Options, mark_of, measure
 from .tracing import NotConverged
 from .truth_cache import cached_truth
 
@@ -162,7 +162,7 @@ def sweep(
     points = points_of(base, axes)
     first = next((point.settings for point in points if point.settings is not None), None)
     options = dataclasses.replace(options, reference=first)
-    keys = _keys(cases, points, options, rays)
+    keys = _keys(cases, points, dataclasses.replace(options, reference=None), rays)
     with Journal(None if folder is None else folder / JOURNAL) as journal:
         left = _left(cases, keys, points, journal)
         with _bar(progress, sum(map(len, left)), len(set(keys.values()))) as advance:
@@ -176,7 +176,7 @@ def sweep(
                 run_on(workers, work, options, land)
             elif any(left):
                 run_here(work, options, land)
-        records = _records(cases, points, keys, journal)
+        records = _records(cases, points, keys, journal, mark_of(first))
         protocol = {**rays, **vars(options)}
         del protocol["reference"]
         dataset = dataset_of(
@@ -332,8 +332,11 @@ def _work(cases, left, truths, rays, land):
         yield case, traced, jobs
 
 
-def _records(cases, points, keys, journal):
-    """Return the record of every place."""
+def _records(cases, points, keys, journal, mark):
+    """Return the record of every place.
+
+    What earlier sweeps into the same folder timed beside other settings has no pace here.
+    """
     records = {}
     for number in range(len(cases)):
         for point in points:
@@ -341,7 +344,10 @@ def _records(cases, points, keys, journal):
             if point.settings is None:
                 records[place] = blank_record("", INVALID, point.message)
             else:
-                records[place] = journal[keys[place]]
+                record = journal[keys[place]]
+                if record["values"] and record["values"].get("reference") != mark:
+                    record = {**record, "values": {**record["values"], "ms_reference": None}}
+                records[place] = record
     return records
 
 

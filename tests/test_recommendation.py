@@ -73,7 +73,7 @@ def test_closed_interior_takes_one_small_map(renderer):
     assert found.signals.shadowed_share > 0.99
     # fine enough that the bias lights no strip of a wall; nothing beside everything on
     assert found.settings.cascade_count == 1
-    assert found.settings.map_size <= 512
+    assert found.settings.map_size <= 1024
 
 
 def test_still_is_not_stabilised_and_a_path_is(renderer, box):

@@ -264,6 +264,16 @@ def test_groups_are_timed_beside_the_first_settings(gl, monkeypatch, processes):
     assert beside[2] != beside[0]  # taken anew
 
 
+def test_what_was_timed_beside_other_settings_has_no_pace(gl, tmp_path):
+    """A sweep that goes on with another beginning computes nothing twice, and compares no pace."""
+    one = csm.sweep({"box": BOX}, {"map_size": [64, 32]}, out=tmp_path, **QUICK).isel(case=0)
+    assert (one.ms_reference.values > 0.0).all()
+    two = csm.sweep({"box": BOX}, {"map_size": [16, 64, 32]}, out=tmp_path, **QUICK).isel(case=0)
+    assert np.isnan(two.ms_reference.sel(map_size=[64, 32]).values).all()
+    assert two.ms_reference.sel(map_size=16).item() == two.ms_total.sel(map_size=16).item()
+    assert two.ms_total.sel(map_size=64).item() == one.ms_total.sel(map_size=64).item()
+
+
 def test_without_the_first_settings_there_is_no_pace(gl, monkeypatch):
     """What cannot be drawn cannot be a measure; the others have their numbers."""
     real = sweep_worker.in_turns
