@@ -340,7 +340,7 @@ TABLE = (
         threshold="the forecast gains 1 % over practical, and that saves more than its pass",
         source="forecast; docs/numerics.md 17",
         cost="a reduction over the picture",
-        taken=lambda at: at.settings.split != "practical",
+        taken=lambda at: _several(at) and at.settings.split != "practical",
         measured=lambda at: (
             "receivers of four practical cascades: "
             + " ".join(f"{100.0 * share:.0f}" for share in at.signals.cascade_shares)
@@ -432,7 +432,10 @@ TABLE = (
     Decision(
         effect="filter",
         calls_for="a sun with a disc, and occluders far from their shadows",
-        threshold=f"99th percentile of the penumbra at least {SOFT_PIXELS:g} px",
+        threshold=(
+            f"99th percentile of the penumbra at least {SOFT_PIXELS:g} px, or an error asked for "
+            "that hard edges miss"
+        ),
         source="a narrower one is less than a step between pixels",
         cost="a search and a kernel at every pixel",
         taken=lambda at: at.settings.filter not in ("hard", "none"),

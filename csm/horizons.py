@@ -101,7 +101,8 @@ def horizon_of(camera, small, frame, facing):
 def _linear_depth(camera, frame):
     """What is linear in the picture on a plane: the inverse of depth, or depth."""
     depth = frame.view_depth.astype(np.float64)
-    return depth if camera.orthographic else 1.0 / np.where(frame.valid, depth, 1.0)
+    depth = np.where(frame.valid, depth, 1.0)
+    return depth if camera.orthographic else 1.0 / depth
 
 
 def _planes_end(linear, valid, facing):

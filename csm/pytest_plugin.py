@@ -80,14 +80,17 @@ def assert_shadows_match(frame, truth, *, max_error, causes=None, folder=None):
 
     limits = {"max_error": max_error, **(causes or {})}
     for name, limit in limits.items():
-        if not isinstance(limit, numbers.Real) or not 0.0 <= limit <= 1.0:
+        real = isinstance(limit, numbers.Real) and not isinstance(limit, bool)
+        if not real or not 0.0 <= limit <= 1.0:
             raise ValueError(f"{name} must be a fraction from 0 to 1 (got {limit!r})")
     report = compare(frame, truth)
     for cause in causes or ():
         if cause not in (*CAUSES, *report.mean):
             raise ValueError(f"causes: there is no {cause!r}; there are {', '.join(report.mean)}")
+    folder = _running.get("folder") if folder is None else folder
     if not report.judged_count:
-        raise AssertionError("no pixel shows a surface that faces the sun: nothing was judged")
+        said = "no pixel shows a surface that faces the sun: nothing was judged"
+        raise AssertionError(said + _evidence(folder, frame, truth, {}))
     found = {
         "disagreement": (report.disagreement, max_error),
         "mean error": (report.mean["total"], max_error),
@@ -97,16 +100,22 @@ def assert_shadows_match(frame, truth, *, max_error, causes=None, folder=None):
     if not broken:
         return
     lines = [f"{name} {value:.4%} > {limit:.4%}" for name, (value, limit) in broken.items()]
-    folder = _running.get("folder") if folder is None else folder
-    if folder is not None:
-        arrays = {
-            "rendered": getattr(frame, "mask", frame),
-            "reference": getattr(truth, "mask", truth),
-        }
-        shown = _what_is_shown(frame, truth) if hasattr(frame, "settings") else None
-        write_evidence(folder, arrays, shown, {"errors": found})
-        lines.append(f"see {folder}")
-    raise AssertionError("shadows do not match: " + "; ".join(lines))
+    said = "shadows do not match: " + "; ".join(lines)
+    raise AssertionError(said + _evidence(folder, frame, truth, found))
+
+
+def _evidence(folder, frame, truth, found):
+    """Write evidence, if there is a place for it, and say where."""
+    if folder is None:
+        return ""
+    arrays = {
+        "rendered": getattr(frame, "mask", frame),
+        "reference": getattr(truth, "mask", truth),
+    }
+    shown = _what_is_shown(frame, truth) if hasattr(frame, "settings") else None
+    _remove_files(Path(folder))
+    write_evidence(folder, arrays, shown, {"errors": found})
+    return f"; see {folder}"
 
 
 def _what_is_shown(frame, truth):
@@ -195,13 +204,17 @@ def evidence_folder(config, nodeid):
     return Path(config.getoption("shadow_evidence") or config.rootpath / EVIDENCE) / name
 
 
+def _remove_files(folder):
+    """Remove the files of evidence in a folder, and nothing else."""
+    for name in (SETTINGS, NUMBERS, *(f"{n}{e}" for n in RANGES for e in (".npy", ".png"))):
+        with suppress(OSError):
+            (folder / name).unlink()
+
+
 def _remove_evidence(folder):
     """Remove what an earlier run of a test left, and nothing else."""
-    names = [f"{name}{ending}" for name in RANGES for ending in (".npy", ".png")]
     for path in (*folder.glob("case_*"), folder):
-        for name in (SETTINGS, NUMBERS, *names):
-            with suppress(OSError):
-                (path / name).unlink()
+        _remove_files(path)
         with suppress(OSError):  # something of somebody else's, or not there
             path.rmdir()
 
@@ -210,12 +223,14 @@ _running = {}  # "folder": that of the evidence of the test that runs
 
 
 def pytest_runtest_setup(item):
-    """Know where evidence of the test goes that begins."""
-    _running["folder"] = evidence_folder(item.config, item.nodeid)
+    """Know where evidence of the test goes that begins, and remove what an earlier run left."""
+    folder = _running["folder"] = evidence_folder(item.config, item.nodeid)
+    if folder.exists():
+        _remove_evidence(folder)
 
 
-def pytest_runtest_teardown():
-    """Forget it again."""
+def pytest_unconfigure():
+    """Forget it again: what fails in a fixture's end is still the last test's."""
     _running.clear()
 
 

@@ -367,6 +367,8 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
     """
     cameras, suns = _path(camera, Camera, "camera"), _path(sun, Sun, "sun")
     check_kinds(scene=scene)
+    if renderer is not None and not isinstance(renderer, Renderer):
+        raise TypeError(f"renderer must be a csm.Renderer (got {type(renderer).__name__})")
     goal = checked_goal(max_error, budget_ms, max_bytes)
     if len(cameras) > 1 and len(suns) > 1 and len(cameras) != len(suns):
         raise ValueError(
@@ -519,9 +521,10 @@ def _path(value, kind, name):
         several = tuple(value)
     except TypeError:
         several = ()
-    if not several or not all(isinstance(one, kind) for one in several):
-        raise TypeError(
-            f"{name} must be a csm.{kind.__name__} or a sequence of them "
-            f"(got {type(value).__name__})"
-        )
+    wrong = next((one for one in several if not isinstance(one, kind)), value)
+    if not several or wrong is not value:
+        got = f"one with a {type(wrong).__name__}" if several else type(value).__name__
+        if not several and isinstance(value, (list, tuple)):
+            got = "an empty one"
+        raise TypeError(f"{name} must be a csm.{kind.__name__} or a sequence of them (got {got})")
     return several

@@ -23,6 +23,7 @@ from .reports import report
 from .scenes import SCENES
 from .spaces import as_number, as_whole
 from .sun import Sun
+from .sweep_command import interrupted
 from .sweeps import MOST_REPEATS
 from .techniques import FAMILIES, settings_by_name
 
@@ -141,7 +142,8 @@ def find_case(text, size, diameter=None):
     )
     sun_name, found_sun = find_sun(scene, sun or None, diameter, f"the sun in SCENE {text!r}")
     stem = source.rsplit("/", 1)[-1].rsplit(".", 1)[0]
-    return f"{stem}, {camera_name}, {sun_name}", (scene, found_camera, found_sun)
+    names = stem, camera_name or camera, sun_name or sun  # what was described is its own name
+    return ", ".join(names), (scene, found_camera, found_sun)
 
 
 def _source_and_views(text):
@@ -168,6 +170,8 @@ def run_report(options):
     if error is not None:
         with named("--standard-error"):
             error = as_number("standard_error", error, 1e-9, 1.0)
+            if rays < 2:
+                raise ValueError(f"takes --rays of 2 or more (got {rays})")
     if options.sun_diameter is not None:
         with named("--sun-diameter"):
             Sun((0.0, 1.0, 0.0), options.sun_diameter)
@@ -187,19 +191,24 @@ def run_report(options):
             cases[name] = case
     said = f"{len(techniques)} techniques over {len(cases)} case(s)"
     with progress.stage(said) as advance:
-        dataset = sweep_techniques(
-            cases,
-            families=families,
-            out=folder / "sweep",
-            size=size,
-            repeats=repeats,
-            rays_per_pixel=rays,
-            standard_error=error,
-            causes=options.causes,
-            processes=options.processes,
-            backend=options.backend,
-            progress=advance,
-        )
+        try:
+            dataset = sweep_techniques(
+                cases,
+                families=families,
+                out=folder / "sweep",
+                size=size,
+                repeats=repeats,
+                rays_per_pixel=rays,
+                standard_error=error,
+                causes=options.causes,
+                processes=options.processes,
+                backend=options.backend,
+                progress=advance,
+            )
+        except KeyboardInterrupt:
+            return interrupted(folder / "sweep")
+    if not (dataset.status == "ok").any():
+        raise ValueError(f"nothing could be measured: {dataset.message.values.ravel()[0]}")
     with progress.stage("writing"):
         page = report(dataset, out=folder, hard_cases=options.hard_cases)
     if not options.quiet:

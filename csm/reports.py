@@ -176,6 +176,8 @@ def _pace_sentence(paces):
     if paces is None:
         return ""
     low, high = paces
+    if low == high:
+        return ""
     return (
         "Techniques were timed in groups, each in turns with the first of all, whose time changed "
         f"from group to group, from {low:.2f} to {high:.2f} of its median; the times below have "

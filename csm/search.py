@@ -134,14 +134,18 @@ class Search:
     def _forecast(self):
         """Every arrangement and size; where soft shadows are called for, under them and hard ones.
 
-        The first filter is the one that is called for.
+        The first filter is the one that is called for. Where hard edges are, soft ones may still be
+        what an error takes that was asked for.
         """
         soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
         arranged = [one for count in COUNTS for one in self._arrangements(count)]
         most, found = self.goal["max_bytes"], []
         filters = [{"filter": "hard"}]
+        pcss = [{"filter": "pcss", "tap_count": taps} for taps in TAPS]
         if soft:
-            filters = [{"filter": "pcss", "tap_count": taps} for taps in TAPS] + filters
+            filters = pcss + filters
+        elif self.goal["max_error"] is not None and self.signals.penumbra_pixels[2] > 0.0:
+            filters += pcss
         for settings, changes in product(arranged, filters):
             found += self._sized(settings.replace(**changes))
         if most is not None:

@@ -387,7 +387,8 @@ class ShadowSettings(Recorded):
         Parameters
         ----------
         **changes
-            Settings by name.
+            Settings by name. Another ``cascade_count`` cuts a tuple of map sizes, or repeats its
+            last, unless ``map_size`` is given too.
 
         Returns
         -------
@@ -402,7 +403,10 @@ class ShadowSettings(Recorded):
             if name not in _KINDS:
                 raise TypeError(f"{name!r} is no setting; there are {', '.join(sorted(_KINDS))}")
         if "cascade_count" in changes and isinstance(self.map_size, tuple):
-            changes.setdefault("map_size", _resized(self.map_size, changes["cascade_count"]))
+            count = _whole("cascade_count", changes["cascade_count"])
+            known = 1 <= count <= MOST_CASCADES  # of others, the check below says what is allowed
+            size = _resized(self.map_size, count) if known else self.map_size[0]
+            changes.setdefault("map_size", size)
         other = copy(self)  # what does not change was checked
         other._take(changes)
         return other
@@ -454,6 +458,7 @@ class ShadowSettings(Recorded):
         return ShadowSettings(**values)
 
 
+MOST_CASCADES = 8
 _KINDS = {field.name: field.type for field in fields(ShadowSettings)}
 
 

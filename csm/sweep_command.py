@@ -100,12 +100,7 @@ def run_sweep(options):
     try:
         dataset = sweep(**arguments, out=folder, progress=not options.quiet)
     except KeyboardInterrupt:
-        print(
-            f"csm: interrupted; what is finished is in {folder / JOURNAL}, and the same command "
-            "goes on from there",
-            file=sys.stderr,
-        )
-        return INTERRUPTED
+        return interrupted(folder)
     if not options.quiet:
         print(table_text(dataset))
         print(f"\n{folder}: {TABLE}, {NETCDF}")
@@ -133,6 +128,16 @@ def _equal(one, other):
 
 def _text(value):
     return "-" if value is None else f"{value:.6g}"
+
+
+def interrupted(folder):
+    """Say where a sweep's finished points are; the exit status."""
+    print(
+        f"csm: interrupted; what is finished is in {folder / JOURNAL}, and the same command "
+        "goes on from there",
+        file=sys.stderr,
+    )
+    return INTERRUPTED
 
 
 def read_sweep(path):

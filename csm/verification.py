@@ -9,7 +9,7 @@ from .metrics import compare
 from .motion import flicker
 from .sampling import NO_CASCADE
 from .settings import ShadowSettings
-from .timing import by_pass, total_ms
+from .timing import in_turns, total_ms, warm_up_s
 from .tracing import truth
 
 __all__ = ["Row", "Verification", "everything_on", "table_text", "verify"]
@@ -204,7 +204,7 @@ def verify(renderer, recommendation, *, rays_per_pixel=None, repeats=3, soft_siz
     rays_per_pixel : int, optional
         Of the truth; by default 1 for a point sun, 64 for a disc.
     repeats : int
-        Frames that are timed of each, in turns, after one that is not.
+        Frames that are timed of each, in turns of a few after one that is not.
     soft_size : int
         Kernel of everything's soft shadows [texels].
 
@@ -282,7 +282,6 @@ class _Judge:
     def measure(self, wanted, repeats):
         """Error, flicker, time and bytes of each of the settings, by their canonical form."""
         view, known = self.views[0], {}
-        times, maps = ({key: [] for key in wanted} for _ in range(2))
         for key, settings in wanted.items():
             errors = []
             for at, traced in zip(self.views, self._truths, strict=True):
@@ -296,22 +295,24 @@ class _Judge:
                 "bytes": int(frame.info["bytes"]),
                 "triangles": int(sum(frame.info["triangles_drawn"])),
             }
-        for _ in range(repeats):
-            for key, settings in wanted.items():
-                frame = self._renderer.render(
-                    self._scene, view.camera, view.sun, settings, outputs=OUTPUTS
-                )
-                times[key].append(total_ms(frame.timings_ms))
-                maps[key].append(by_pass(frame.timings_ms).get("shadow_map", 0.0))
-        return {
-            key: {
-                **one,
-                "ms": float(np.median(times[key])),
-                "ms_least": float(min(times[key])),
-                "maps_ms": float(min(maps[key])),
+
+        def frame_times(key):
+            frame = self._renderer.render(
+                self._scene, view.camera, view.sun, wanted[key], outputs=OUTPUTS
+            )
+            return frame.timings_ms
+
+        warm_up = warm_up_s(self._renderer.info)
+        for key, samples in in_turns(list(wanted), frame_times, repeats=repeats, warm_up=warm_up):
+            if isinstance(samples, Exception):
+                raise samples
+            times = [total_ms(passes) for passes in samples]
+            known[key] |= {
+                "ms": float(np.median(times)),
+                "ms_least": float(min(times)),
+                "maps_ms": float(min(passes.get("shadow_map", 0.0) for passes in samples)),
             }
-            for key, one in known.items()
-        }
+        return known
 
     def _flicker(self, settings):
         """`csm.flicker` at points that the path's first picture shows; 0 where none is seen."""

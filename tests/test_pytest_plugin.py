@@ -145,6 +145,20 @@ def test_masks_of_any_engine_are_judged(tmp_path):
     assert (tmp_path / "here" / "difference.png").stat().st_size > 50
 
 
+def test_of_two_failures_the_last_ones_evidence_is_left(tmp_path, renderer):
+    scene = csm.scenes.plane_and_box()
+    sky = csm.Camera.look_at((0, 5, 9), (0, 50, 9.1), up=(0, 0, 1), far=50, size=(8, 8))
+    sun = csm.Sun((1, 1, 0))
+    frame, truth = renderer.render(scene, sky, sun), csm.truth(scene, sky, sun)
+    with pytest.raises(AssertionError, match=f"nothing was judged; see {tmp_path}"):
+        assert_shadows_match(frame, truth, max_error=0.0, folder=tmp_path)
+    assert (tmp_path / "settings.json").exists()
+    assert (tmp_path / "rendered.png").exists()
+    with pytest.raises(AssertionError, match="do not match"):
+        assert_shadows_match(np.zeros((2, 3)), np.ones((2, 3)), max_error=0.0, folder=tmp_path)
+    assert not (tmp_path / "settings.json").exists(), "of an array nothing is known"
+
+
 def test_evidence_goes_where_the_running_test_leaves_it(request):
     folder = evidence_folder(request.config, request.node.nodeid)
     assert not folder.exists()

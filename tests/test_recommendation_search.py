@@ -1,6 +1,7 @@
 """What csm.recommend searches among: warps, cascades that hold receivers, costs of the machine."""
 
 import dataclasses
+import warnings
 
 import numpy as np
 import pytest
@@ -138,3 +139,29 @@ def test_forecasts_of_many_sizes_are_those_of_each(renderer, road):
     for one in search.candidates(CostModel())[::29]:
         assert one.error == search.forecast(one.settings, CostModel()).error
         assert one.ms == search.forecast(one.settings, CostModel()).ms
+
+
+def test_soft_shadows_are_taken_where_only_they_reach_the_error_asked_for(renderer, road):
+    """In a tiny picture penumbrae are narrower than a pixel, and still what hard edges miss."""
+    scene, camera, sun = road
+    camera = camera.replace(size=(64, 36))
+    hard = csm.recommend(scene, camera, sun, max_error=0.5, renderer=renderer)
+    assert hard.settings.filter == "hard"
+    asked = 0.9 * hard.forecast(hard.settings.replace(cascade_count=6, map_size=4096)).error
+    found = csm.recommend(scene, camera, sun, max_error=asked, renderer=renderer)
+    assert found.settings.filter == "pcss"
+    assert found.met
+
+
+def test_orthographic_sky_is_no_receiver_and_one_map_is_not_split(renderer):
+    scene = csm.scenes.town(8000)
+    camera = csm.Camera.orthographic(
+        (-20, 17, 60), (15, 4, -20), height=120, far=500, size=(160, 90)
+    )
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        found = csm.recommend(scene, camera, csm.Sun.from_compass(238, 33), renderer=renderer)
+    assert not renderer.render(scene, camera, csm.Sun((0, 1, 0))).valid.all(), "no sky"
+    if found.settings.cascade_count == 1:
+        (reason,) = (one for one in found.reasons if one.effect == "split")
+        assert not reason.taken

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 import csm
-from csm import cli, report_command, report_runs
+from csm import cli, report_command, report_runs, tracing
+from csm.arguments import INTERRUPTED
 from csm.hard_cases import CASES, RECORDS
 from csm.report_pictures import crop_picture, error_crop_picture, front_picture
 from csm.report_runs import CROP, crop_place, path_of, with_crops_and_flicker
@@ -105,6 +106,36 @@ def test_a_report_says_how_exact_its_soft_truth_is(tmp_path):
     assert cli.main([*words, "--standard-error", "0.05", "--no-causes", "--quiet"]) == 0
     text = (out / "report.html").read_text(encoding="utf-8")
     assert "standard error is at most 0.05" in text
+
+
+def test_cases_that_are_described_are_called_by_their_words():
+    names = [
+        report_command.find_case(f"plane_and_box:{camera}:{sun}", (64, 48))[0]
+        for camera, sun in (("eye=0,5,20,target=0,0,0", "238,33"), ("corner", "100,20"))
+    ]
+    assert names == [
+        "plane_and_box, eye=0,5,20,target=0,0,0, 238,33",
+        "plane_and_box, corner, 100,20",
+    ]
+
+
+def test_an_interrupted_report_says_where_it_goes_on(tmp_path, monkeypatch, capsys):
+    def stopped(*_, **__):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(report_command, "sweep_techniques", stopped)
+    words = ["report", "plane_and_box", "--out", str(tmp_path / "page"), "--quiet"]
+    assert cli.main(words) == INTERRUPTED
+    assert "the same command goes on from there" in capsys.readouterr().err
+
+
+def test_a_report_of_nothing_is_no_success(gl, tmp_path, monkeypatch, capsys):
+    pytest.importorskip("embreex", reason="truths are traced (extra: truth)")
+    monkeypatch.setattr(tracing, "MAX_RAYS_PER_PIXEL", 8)
+    words = ["report", "plane_and_box:contact", "--sun-diameter", "5", "--size", "48x32"]
+    words += ["--families", "soft", "--repeats", "1", "--rays", "4", "--standard-error", "1e-6"]
+    assert cli.main([*words, "--out", str(tmp_path / "page"), "--quiet"]) != 0
+    assert "nothing could be measured: no truth" in capsys.readouterr().err
 
 
 def test_times_have_their_quartiles_and_transitions_a_column_of_their_own(dataset, tmp_path):

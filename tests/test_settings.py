@@ -269,3 +269,17 @@ def test_canonical_form_is_its_own_and_means_the_same(settings):
     # same passes, textures, programs; the same bias
     assert csm.plan(canonical, size=(8, 8)) == csm.plan(settings, size=(8, 8))
     assert _core.bias_terms(canonical) == _core.bias_terms(settings)
+
+
+@pytest.mark.parametrize("count", [0, -1, 9, 10**9, "3", None, 2.5])
+def test_a_replaced_count_is_checked_before_sizes_follow_it(count):
+    several = csm.ShadowSettings(map_size=(1024, 512, 256, 128))
+    kinds = (TypeError, ValueError)
+    with pytest.raises(kinds) as plain:
+        csm.ShadowSettings(cascade_count=count)
+    with pytest.raises(kinds) as replaced:
+        several.replace(cascade_count=count)
+    assert type(replaced.value) is type(plain.value)
+    assert str(replaced.value) == str(plain.value)
+    assert several.replace(cascade_count=2.0).map_size == (1024, 512)
+    assert several.replace(cascade_count=6).map_size == (1024, 512, 256, 128, 128, 128)
