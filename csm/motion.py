@@ -11,6 +11,7 @@ from itertools import pairwise
 
 import numpy as np
 
+from .cascades import check_kinds
 from .disc import SOFT_RAYS, disc_directions
 from .embree import in_chunks, tree_of
 from .sampling import NO_CASCADE
@@ -154,6 +155,8 @@ def flicker(frames, *, scene=None):
         raise ValueError(f"flicker needs two frames or more (got {len(frames)})")
     points = _common_points(frames)
     moving = any(not np.array_equal(one.sun.to_light, frames[0].sun.to_light) for one in frames[1:])
+    if scene is not None:
+        check_kinds(scene=scene)
     if moving and scene is None:
         raise ValueError("the sun moves: the scene is needed to tell flicker from the true change")
     cascade = np.array([frame.point_cascade for frame in frames])

@@ -76,13 +76,19 @@ def report(dataset, *, out="report", title="What accuracy costs in time", hard_c
     Raises
     ------
     ValueError
-        If the dataset has no cases or nothing to compare, or lacks errors, times or bytes.
+        If the dataset has no dimension of cases or none, nothing to compare, or lacks errors, times
+        or bytes.
     OSError
         If the folder cannot be written, or nothing lies in that of the hard cases.
     """
     for name in ("case", "error_total", "ms_total", "bytes_maps"):
         if name not in dataset:
             raise ValueError(f"dataset must have {name}: csm.sweep(cases, axes) gives it")
+    if not dataset.sizes.get("case"):
+        raise ValueError(
+            "dataset must have a dimension case, of one case at least "
+            f"(it has {', '.join(map(str, dataset.sizes)) or 'none'}); take one by isel(case=[0])"
+        )
     dataset = _by_technique(dataset)
     hard = hard_case_table(hard_cases)
     folder = Path(out)
@@ -122,7 +128,8 @@ def _by_technique(dataset):
         ]
         names.append(", ".join(texts))
         families.append(texts[coloured])
-    joined = dataset.stack(joined=axes).drop_vars(["joined", *axes]).rename(joined="technique")
+    one = "+".join(["", *axes])  # a name that no axis has
+    joined = dataset.stack({one: axes}).drop_vars([one, *axes]).rename({one: "technique"})
     return joined.assign_coords(technique=names, family=("technique", families))
 
 

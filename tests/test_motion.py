@@ -283,3 +283,9 @@ def test_the_flicker_map_has_points_where_they_were_taken():
         report.as_picture(seen[:2])
     with pytest.raises(ValueError, match="seen must be"):
         report.as_picture(seen.astype(int))
+
+
+def test_a_scene_is_a_scene(surface):
+    frames = fakes([[1, 0], [1, 1]], [[0, 0], [0, 0]], surface)
+    with pytest.raises(TypeError, match=r"scene must be a csm\.Scene \(got str\)"):
+        csm.flicker(frames, scene="town")

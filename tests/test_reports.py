@@ -108,6 +108,17 @@ def test_a_report_says_how_exact_its_soft_truth_is(tmp_path):
     assert "standard error is at most 0.05" in text
 
 
+@pytest.mark.parametrize("taken", [{"case": "hill"}, {"case": []}])
+def test_a_page_needs_cases(dataset, tmp_path, taken):
+    with pytest.raises(ValueError, match="dataset must have a dimension case, of one"):
+        csm.report(dataset.sel(taken), out=tmp_path)
+
+
+def test_axes_of_any_name_are_joined(dataset, tmp_path):
+    swept = dataset.drop_vars(["crop", "crop_truth"]).rename(technique="joined")
+    assert "joined pcf 3x3" not in csm.report(swept, out=tmp_path).read_text(encoding="utf-8")
+
+
 def test_cases_that_are_described_are_called_by_their_words():
     names = [
         report_command.find_case(f"plane_and_box:{camera}:{sun}", (64, 48))[0]
