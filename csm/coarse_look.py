@@ -170,13 +170,18 @@ def layered_share_of(frame, points, rows, columns):
 def _gaps_around(frame, cascade, points, reach):
     """Distance [m] (m, k) from points to what a map holds before them, within a reach [texels]."""
     depths = frame.shadow_maps[cascade]
-    size = depths.shape[0]
     uvz = transform_points(frame.cascades.uvz_from_world[cascade], points)
-    u, v = np.clip((uvz[:, :2] * size).astype(int), reach, size - 1 - reach).T
-    steps = range(-reach, reach + 1)
-    around = np.stack([depths[v + dv, u + du] for dv in steps for du in steps], axis=1)
+    u, v = np.moveaxis(_texels_around(uvz[:, :2] * len(depths), len(depths), reach), -1, 0)
+    around = depths[v, u]
     span = float(np.diff(frame.cascades.depth_range[cascade])[0])
     return (uvz[:, 2:] - around.astype(np.float64)) * span
+
+
+def _texels_around(places, size, reach):
+    """Texels (m, k, 2) of a map of a size round places in it (m, 2), all within the map."""
+    steps = range(-reach, reach + 1)
+    offsets = np.array([(du, dv) for dv in steps for du in steps])
+    return np.clip(places.astype(int), reach, size - 1 - reach)[:, None] + offsets
 
 
 def _own_depths(frame, cascade, points, normals, reach):
@@ -194,9 +199,7 @@ def _own_depths(frame, cascade, points, normals, reach):
     # of one map's width [m]
     slopes = np.stack([step @ uvz[2, :3] for step in along], axis=1) / volume[:, None] * span
     away = transform_points(uvz, points)[:, :2] * size
-    steps = range(-reach, reach + 1)
-    offsets = np.array([(du, dv) for dv in steps for du in steps])
-    texels = np.clip(away.astype(int), reach, size - 1 - reach)[:, None] + offsets + 0.5
+    texels = _texels_around(away, size, reach) + 0.5
     own = np.einsum("mka,ma->mk", texels - away[:, None], slopes) / size
     steepness = np.abs(slopes).sum(axis=1) / (size * cascades.texel_size[cascade].max())
     return own, steepness

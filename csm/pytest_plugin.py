@@ -222,6 +222,7 @@ def _remove_evidence(folder):
 _running = {}  # "folder": that of the evidence of the test that runs
 
 
+@pytest.hookimpl(tryfirst=True)  # before the fixtures, which may leave evidence
 def pytest_runtest_setup(item):
     """Know where evidence of the test goes that begins, and remove what an earlier run left."""
     folder = _running["folder"] = evidence_folder(item.config, item.nodeid)
@@ -278,7 +279,6 @@ def shadow_case(request, shadow_renderer, _shadow_truths):
     from .tracing import truth as trace
 
     folder = evidence_folder(request.config, request.node.nodeid)
-    _remove_evidence(folder)
     numbers_of_cases = count(1)
 
     def make(scene, camera, sun, settings=None, *, rays_per_pixel=1):

@@ -329,9 +329,9 @@ class _Look:
         """
         try:
             return self._kept(settings, out, key)
+        except ContextError:
+            raise  # not the technique's fault
         except (CsmError, MemoryError) as error:
-            if isinstance(error, ContextError):
-                raise
             warnings.warn(f"no crop and no flicker: {error}", stacklevel=3)
             return np.nan, np.full(2, np.nan)
 

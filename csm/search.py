@@ -164,14 +164,18 @@ class Search:
         if settings.filter == "pcss":
             depends["filter_size"] = wanted_size(at, sizes)
         expected = self.forecaster.expected(settings, sizes, depends.get("filter_size"))
-        parts = np.broadcast_arrays(expected.error, expected.held, expected.left_out, sizes)[:3]
+        parts = (
+            np.broadcast_to(part, sizes.shape).tolist()
+            for part in (expected.error, expected.held, expected.left_out)
+        )
+        changes = (
+            dict(zip(depends, one, strict=True)) for one in zip(*depends.values(), strict=True)
+        )
+        forecasts = (Expected(*one) for one in zip(*parts, strict=True))
         return [
-            Candidate(settings, changes[0], error, 0.0, dict(zip(depends, changes, strict=True)),
-                      Expected(error, held, left_out))
-            for *changes, error, held, left_out in zip(
-                *depends.values(), *(part.tolist() for part in parts), strict=True
-            )
-        ]  # fmt: skip
+            Candidate(settings, one["map_size"], forecast.error, 0.0, one, forecast)
+            for one, forecast in zip(changes, forecasts, strict=True)
+        ]
 
     def choose(self, model, reach=None, without=()):
         """The candidate that the goal asks for.

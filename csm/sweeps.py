@@ -161,8 +161,8 @@ def sweep(
     _check_packages(out, {axis.name for axis in axes})
     points = points_of(base, axes)
     first = next((point.settings for point in points if point.settings is not None), None)
+    keys = _keys(cases, points, options, rays)  # what is timed beside a point is no part of it
     options = dataclasses.replace(options, reference=first)
-    keys = _keys(cases, points, dataclasses.replace(options, reference=None), rays)
     with Journal(None if folder is None else folder / JOURNAL) as journal:
         left = _left(cases, keys, points, journal)
         with _bar(progress, sum(map(len, left)), len(set(keys.values()))) as advance:
