@@ -8,7 +8,7 @@ from .cascades import fit_cascades
 from .sampling import mean_displacement, surface_steps, uv_gradients
 from .spaces import light_gradients, transform_points
 
-__all__ = ["LEFT_OUT", "Arranged", "arrange"]
+__all__ = ["LEFT_OUT", "Arranged", "arrange", "narrowest"]
 
 # Of the automatic bias: texels of slope, and the steepest slope.
 BIAS_TEXELS, STEEPEST = 0.25, 1000.0
@@ -35,8 +35,8 @@ class Arranged:
         Longer side of each window [m].
     held : (n,) bool
         Whether receivers lie between each one's splits.
-    wanted : float
-        Least part of a map that a kernel must be wide.
+    cascades : Cascades
+        What was fitted.
     """
 
     moved: np.ndarray
@@ -46,17 +46,25 @@ class Arranged:
     receiver_cascade: np.ndarray
     windows: np.ndarray
     held: np.ndarray
-    wanted: float
+    cascades: object
+
+    def displaced(self, lengths):
+        """Edges' displacement of each cascade, times their lengths (n,) [pixels²].
+
+        Parameters
+        ----------
+        lengths : (e,) float64
+            [pixels].
+        """
+        return np.bincount(self.edge_cascade, lengths * self.moved, len(self.windows))
 
 
-def arrange(view, wide, settings, scene):
+def arrange(view, settings, scene):
     """Fit windows to a view, and read what they make of its edges and receivers.
 
     Parameters
     ----------
     view : View
-    wide : (e,) float64
-        Width of the penumbra at its edges [pixels].
     settings : ShadowSettings
     scene : Scene
 
@@ -68,17 +76,17 @@ def arrange(view, wide, settings, scene):
     held = np.concatenate([view.receivers, view.edges, view.outline])
     cascades = fit_cascades(view.camera, view.sun, settings, scene=scene, receivers=held)
     windows = cascades.texel_size.max(axis=1) * np.asarray(cascades.map_size, float)
-    taken = _selected(cascades, view.camera, settings, view.receivers)
+    points = np.concatenate([view.receivers, view.edges])
+    selected = _selected(cascades, view.camera, settings, points)
+    taken, cascade = np.split(selected, [len(view.receivers)])
     bias = BIAS_TEXELS * windows[taken] * np.minimum(view.gradients, STEEPEST)
-    cascade = _selected(cascades, view.camera, settings, view.edges)
     across = np.abs(_across(view, cascades, settings, cascade))
     reach = np.linalg.norm(across, axis=1)  # of a disc one map wide: an ellipse in the picture
     moved = mean_displacement(across)
-    wanted = _narrowest(reach, wide, view.edge_lengths)
     depths = (held - view.camera.eye) @ -view.camera.backward
     slices = np.searchsorted(cascades.splits[1:-1], depths)
     some = np.bincount(slices, minlength=cascades.count) > 0
-    return Arranged(moved, reach, cascade, bias, taken, windows, some, wanted)
+    return Arranged(moved, reach, cascade, bias, taken, windows, some, cascades)
 
 
 def _across(view, cascades, settings, cascade):
@@ -92,8 +100,18 @@ def _across(view, cascades, settings, cascade):
     return np.einsum("ek,ekj->ej", view.steps_across, metres[cascade])
 
 
-def _narrowest(reach, wide, lengths):
-    """Least part of a map that leaves out no more of penumbrae than `LEFT_OUT`."""
+def narrowest(reach, wide, lengths):
+    """Least part of a map that leaves out no more of penumbrae than `LEFT_OUT`.
+
+    Parameters
+    ----------
+    reach, wide, lengths : (e,) float64
+        Of edges: of a disc as wide as the map, of their penumbrae, along them [pixels].
+
+    Returns
+    -------
+    part : float
+    """
     allowed = LEFT_OUT * float(lengths @ wide)
     if not allowed > 0.0:
         return 0.0
@@ -111,13 +129,15 @@ def _narrowest(reach, wide, lengths):
 
 def _selected(cascades, camera, settings, points):
     """Index (m,) of the cascade that answers for each point."""
-    cascade = np.full(len(points), cascades.count - 1)
-    depth = (points - camera.eye) @ -camera.backward
-    for i in reversed(range(cascades.count)):
-        if settings.select == "interval":
-            inside = depth <= cascades.splits[i + 1]
-        else:
-            uv = transform_points(cascades.uvz_from_world[i], points)[:, :2]
-            inside = (np.abs(uv - 0.5) <= 0.5).all(axis=1)
-        cascade[inside] = i
-    return cascade
+    if settings.select == "interval":
+        depth = (points - camera.eye) @ -camera.backward
+        return np.searchsorted(cascades.splits[1:-1], depth)
+    uvz = np.asarray(cascades.uvz_from_world)
+    if settings.warp != "none":
+        uv = np.stack([transform_points(one, points)[:, :2] for one in uvz])
+    else:
+        uv = points @ uvz[:, :2, :3].transpose(0, 2, 1) + uvz[:, None, :2, 3]
+    near = np.abs(uv - 0.5) <= 0.5
+    inside = near[..., 0] & near[..., 1]
+    inside[-1] = True  # what no map holds is left to the last
+    return inside.argmax(axis=0)

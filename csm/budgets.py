@@ -32,7 +32,7 @@ def frame_times(frame):
     return maps, total_ms(frame.timings_ms) - maps
 
 
-def corrected(model, settings, signals, times):
+def corrected(model, settings, forecaster, times):
     """Cost model that forecasts what was timed.
 
     Parameters
@@ -40,7 +40,7 @@ def corrected(model, settings, signals, times):
     model : CostModel
     settings : ShadowSettings
         Those that were timed.
-    signals : Signals
+    forecaster : Forecaster
         Of the view that was timed.
     times : sequence of (float or None, float)
         From `frame_times`, a frame each; None for maps that were not all drawn, which say nothing
@@ -54,7 +54,7 @@ def corrected(model, settings, signals, times):
     if not times:
         return model
     maps = [one for one, _ in times if one is not None]
-    expected_maps, expected_others = model.parts(settings, signals)
+    expected_maps, expected_others = model.parts(settings, forecaster)
     factor = float(np.median([one for _, one in times])) / expected_others
     if factor <= 0.0:
         return model
@@ -169,10 +169,10 @@ def choose_timed(search, times_of):
 
 def _timed(candidate, search, times_of):
     """Point of a candidate."""
-    signals = search.signals
-    model = corrected(search.model, candidate.settings, signals, times_of(candidate.settings))
-    ms = float(forecast_cost(candidate.settings, signals, model))
-    maps, others = model.parts(candidate.settings, signals)
+    forecaster = search.forecaster
+    model = corrected(search.model, candidate.settings, forecaster, times_of(candidate.settings))
+    ms = float(forecast_cost(candidate.settings, forecaster, model))
+    maps, others = model.parts(candidate.settings, forecaster)
     return Point(replace(candidate, ms=ms), maps, others, model)
 
 
@@ -184,7 +184,7 @@ def _fitted(points, search):
     """
     model, ratios = search.model, ([], [])
     for point in points:
-        expected = model.parts(point.candidate.settings, search.signals)
+        expected = model.parts(point.candidate.settings, search.forecaster)
         for found, was, now in zip(ratios, expected, (point.maps, point.others), strict=True):
             if was > 0.0 and now > 0.0:
                 found.append(math.log(now / was))
@@ -205,7 +205,7 @@ def _reaches(points, search, model):
     """
     budget = search.goal["budget_ms"]
     known = [
-        (forecast_cost(point.candidate.settings, search.signals, model), point.candidate.ms)
+        (forecast_cost(point.candidate.settings, search.forecaster, model), point.candidate.ms)
         for point in points
     ]
     low = max((one for one in known if one[1] <= budget), default=None)
@@ -221,5 +221,5 @@ def _reaches(points, search, model):
     row = next((n for n, one in enumerate(reversed(known)) if one[1] <= budget), len(known))
     if not row:
         return reaches[::-1]
-    least = min(one.ms for one in search.candidates(model)) if low is None else low[0]
+    least = search.least_ms(model) if low is None else low[0]
     return (least * (reach / least) ** (1.0 / row) if reach > least else reach), reaches[1]

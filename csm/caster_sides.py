@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-__all__ = ["BACK_GAIN", "FACES_SHARE", "Sides", "best_sides", "lit_area_share", "measure_sides"]
+__all__ = ["BACK_GAIN", "FACES_SHARE", "Sides", "best_sides", "measure_sides"]
 
 FACES_SHARE = 2e-4  # of the coarse picture's facing pixels, that may change with back sides alone
 LIT_MOST = 0.75  # of the casters' area across the light, above which front sides save little
@@ -22,7 +22,6 @@ LIT_NEARLY_ALL = 0.9  # above which they save less than times repeat by
 BACK_GAIN = 0.4
 FEW = 0.01  # of facing pixels: where more change, back sides lose whole shadows
 LEAST_LOOK = 2000  # facing pixels; that none of fewer changes leaves more than 3/2000 of them open
-SAMPLED = 20_000  # triangles whose areas are looked at
 FINER = 2  # times the size of the coarse maps, for maps that say which of two others is right
 
 
@@ -75,13 +74,13 @@ def best_sides(front, back, gain, lit_area):
     return "front" if front == 0.0 and lit_area <= LIT_NEARLY_ALL else "both"
 
 
-def measure_sides(scene, sun, lit, judged, count, again):
+def measure_sides(lit_area, lit, judged, count, again):
     """Render with front sides, and as far as that leaves it open with others.
 
     Parameters
     ----------
-    scene : Scene
-    sun : Sun
+    lit_area : float
+        As in `Sides`.
     lit, judged : (h, w) bool
         Of the coarse picture with both sides.
     count : int
@@ -97,7 +96,6 @@ def measure_sides(scene, sun, lit, judged, count, again):
     def share(one, other):
         return float(np.count_nonzero(judged & (one != other)) / max(count, 1))
 
-    lit_area = lit_area_share(scene, sun.to_light)
     if count < LEAST_LOOK:
         return Sides(1.0, lit_area=lit_area)
     front = share(lit, again(caster_faces="front"))
@@ -115,37 +113,3 @@ def measure_sides(scene, sun, lit, judged, count, again):
         return Sides(front, back, 1.0, gain, lit_area)
     bias = share(behind, again(caster_faces="back", bias="manual"))
     return Sides(front, back, bias, gain, lit_area)
-
-
-def lit_area_share(scene, to_light):
-    """Of the triangles' area across the light, the share that faces it.
-
-    One half for closed surfaces, one for a plain. Every k-th triangle is looked at, so that it is
-    about 20 000 of them.
-
-    Parameters
-    ----------
-    scene : Scene
-    to_light : (3,) float64
-
-    Returns
-    -------
-    share : float
-        One half where nothing has an area across the light.
-    """
-    sizes = np.array([len(mesh.triangles) for mesh in scene.meshes])
-    starts = np.concatenate([[0], np.cumsum(sizes[scene.instance_mesh])])
-    wanted = np.arange(0, starts[-1], max(1, starts[-1] // SAMPLED))
-    instance = np.searchsorted(starts, wanted, side="right") - 1
-    facing = np.zeros(len(wanted))
-    mirrored = np.sign(np.linalg.det(scene.world_from_instance[:, :3, :3]))
-    for number in np.unique(scene.instance_mesh[instance]):
-        mesh = scene.meshes[number]
-        on = np.flatnonzero(scene.instance_mesh[instance] == number)
-        corners = mesh.positions[mesh.triangles[wanted[on] - starts[instance[on]]]]
-        turn = scene.world_from_instance[instance[on], :3, :3]
-        edges = np.einsum("mij,mkj->mki", turn, corners[:, 1:] - corners[:, :1])
-        across = np.cross(edges[:, 0], edges[:, 1]) @ to_light
-        facing[on] = mirrored[instance[on]] * across
-    total = np.abs(facing).sum()
-    return float(np.maximum(facing, 0.0).sum() / total) if total else 0.5

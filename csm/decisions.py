@@ -13,7 +13,7 @@ import numpy as np
 
 from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
 from .plans import map_bytes
-from .settings import ShadowSettings
+from .settings import ShadowSettings, map_sizes
 
 __all__ = [
     "COUNTS",
@@ -175,7 +175,7 @@ def wanted_format(at, map_size=None):
     Of sizes (k,) as many. Under a warp no step is the same everywhere: 32 bits.
     """
     if at.settings.warp != "none":
-        return np.full(np.shape(map_size), "d32f").tolist()
+        return np.full(np.shape(map_size)[:1], "d32f").tolist()
     return np.where(_quantum_16(at) < _needed_bias(at, map_size), "d16", "d32f").tolist()
 
 
@@ -192,8 +192,12 @@ def wanted_size(at, map_size=None):
     Of sizes (k,) as many.
     """
     size = np.asarray(at.settings.map_size if map_size is None else map_size)
+    size = size[None] if map_size is None and size.ndim else size
+    kernel = at.forecaster.kernel(at.settings, size)
+    size = size.min(axis=1) if size.ndim == 2 else size
     most = np.maximum(1, (size - 1) // 2 * 2 - 1)
-    return np.minimum(at.forecaster.kernel(at.settings, size), most).tolist()
+    found = np.minimum(kernel, most).tolist()
+    return found[0] if map_size is None and np.ndim(found) else found
 
 
 def _quantum_16(at):
@@ -210,7 +214,7 @@ def _several(at):
 
 def _equal_memory(at):
     """Two maps of as many texels as one."""
-    side = int(at.settings.map_size / np.sqrt(2.0))
+    side = int(map_sizes(at.settings)[0] / np.sqrt(2.0))
     return {"cascade_count": 2, "map_size": max(side, 1)}
 
 
@@ -219,7 +223,13 @@ def _fewer(at):
 
 
 def _half_size(at):
-    return {"map_size": max(1, at.settings.map_size // 2)}
+    return _resized(at, 0.5)
+
+
+def _resized(at, factor):
+    size = at.settings.map_size
+    sides = [max(1, int(factor * side)) for side in np.ravel(size)]
+    return {"map_size": tuple(sides) if isinstance(size, tuple) else sides[0]}
 
 
 def _blend_ratio(at):
@@ -298,11 +308,7 @@ TABLE = (
             f"edges of {1e3 * at.signals.edge_share:.3g} px per 1000 px; half the size leaves "
             f"{_percent(_excess(at, _half_size(at)))} more error"
         ),
-        flipped=lambda at: (
-            _half_size(at)
-            if at.signals.edge_share > 0.0
-            else {"map_size": 2 * at.settings.map_size}
-        ),
+        flipped=lambda at: _half_size(at) if at.signals.edge_share > 0.0 else _resized(at, 2.0),
     ),
     Decision(
         effect="fit",
@@ -340,7 +346,7 @@ TABLE = (
         threshold="the forecast gains 1 % over practical, and that saves more than its pass",
         source="forecast; docs/numerics.md 17",
         cost="a reduction over the picture",
-        taken=lambda at: _several(at) and at.settings.split != "practical",
+        taken=lambda at: _several(at) and not _default_split(at),
         measured=lambda at: (
             "receivers of four practical cascades: "
             + " ".join(f"{100.0 * share:.0f}" for share in at.signals.cascade_shares)
@@ -527,8 +533,15 @@ TABLE = (
         source="docs/numerics.md 24: layers are as large as the largest",
         cost="nothing in a mask",
         taken=lambda at: at.settings.storage != "array",
-        measured=lambda at: f"maps of one size, {map_bytes(at.settings) / 1e6:.3g} MB",
-        flipped=lambda at: {"storage": "separate"},
+        measured=lambda at: (
+            f"maps of one size, {map_bytes(at.settings) / 1e6:.3g} MB"
+            if at.settings.storage == "array"
+            else f"maps of {' '.join(map(str, map_sizes(at.settings)))} texels a side: "
+            f"{map_bytes(at.settings) / 1e6:.3g} MB, "
+            f"{map_bytes(at.settings.replace(storage='array')) / 1e6:.3g} as layers"
+        ),
+        flipped=lambda at: {"storage": "separate" if at.settings.storage == "array" else "array"},
+        saves=lambda at: at.settings.storage != "array",
     ),
     Decision(
         effect="depth_range",
@@ -561,6 +574,10 @@ TABLE = (
 )
 
 
+def _default_split(at):
+    return (at.settings.split, at.settings.lam) == ("practical", 0.5)
+
+
 def _other_warp(at):
     return "lispsm" if at.settings.warp == "none" else "none"
 
@@ -575,7 +592,7 @@ def _other_split(at):
         return None
     if any(view.camera.near <= 0.0 for view in at.signals.views):
         return None
-    return {"split": "practical" if at.settings.split != "practical" else "sdsm"}
+    return {"split": "sdsm"} if _default_split(at) else {"split": "practical", "lam": 0.5}
 
 
 def _other_filter(at):

@@ -272,7 +272,7 @@ class Director:
         last = self.recommendation
         if last is None:
             return None
-        return corrected(last.cost_model, self.settings, last.signals, self._times)
+        return corrected(last.cost_model, self.settings, last.forecaster, self._times)
 
     # -- decisions ---------------------------------------------------------------------------------
 

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .arrangements import arrange
+from .arrangements import arrange, narrowest
 from .settings import map_sizes
 
 __all__ = ["GPU", "CostModel", "Expected", "Forecaster", "cost_model_of", "forecast_cost"]
@@ -30,8 +30,8 @@ EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
 
 #: Fields of settings that move no window.
 WITHOUT_WINDOWS = {
-    "map_size", "depth_format", "filter", "filter_size", "tap_count", "disc", "caster_faces",
-    "cull",
+    "map_size", "storage", "depth_format", "filter", "filter_size", "tap_count", "disc",
+    "caster_faces", "cull",
 }  # fmt: skip
 
 
@@ -59,7 +59,7 @@ class Forecaster:
 
     Windows are fitted once for each arrangement of them; other map sizes only scale their texels.
     So wherever a map's size is asked for, sizes (k,) may be given instead of settings of so many
-    sizes, and the answer is as many.
+    sizes, or (k, n) of n maps each, and the answer is as many.
 
     Parameters
     ----------
@@ -68,7 +68,8 @@ class Forecaster:
     """
 
     def __init__(self, signals, scene):
-        self._signals, self._scene, self._known = signals, scene, {}
+        self.signals, self._scene, self._known = signals, scene, {}
+        self._wanted, self._loads = {}, {}
         self._soft = self._wide = None
 
     def aliasing(self, settings, map_size=None):
@@ -82,7 +83,7 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int or (k,) int, optional
+        map_size : int, (k,) or (k, n) int, optional
             Of all maps, instead of that of the settings.
 
         Returns
@@ -91,12 +92,12 @@ class Forecaster:
             0 without edges.
         """
         area, pixels = 0.0, self._facing()
-        for number, view in enumerate(self._signals.views):
+        for number, view in enumerate(self.signals.views):
             known = self._taken(number, settings)
             if len(view.edges):
                 moved = known.moved / _size_at(settings, map_size, known.edge_cascade)
-                area += (view.edge_lengths * np.minimum(moved, FARTHEST)).sum(axis=-1)
-        factor = EDGE_FACTOR + THIN_FACTOR * self._signals.thin_share
+                area += np.minimum(moved, FARTHEST) @ view.edge_lengths
+        factor = EDGE_FACTOR + THIN_FACTOR * self.signals.thin_share
         return factor * area / pixels if pixels else 0.0
 
     def error(self, settings, map_size=None):
@@ -105,7 +106,7 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int or (k,) int, optional
+        map_size : int, (k,) or (k, n) int, optional
             Of all maps, instead of that of the settings.
 
         Returns
@@ -114,24 +115,27 @@ class Forecaster:
         """
         return self.expected(settings, map_size).error
 
-    def expected(self, settings, map_size=None, filter_size=None):
+    def expected(self, settings, map_size=None, filter_size=None, texels=None):
         """Expected error, and what the kernel of soft shadows has to do with it.
 
         Parameters
         ----------
         settings : ShadowSettings
-        map_size, filter_size : int or (k,) int, optional
+        map_size, filter_size : int, (k,) or, of maps, (k, n) int, optional
             Of all maps, and of the kernel, instead of those of the settings.
+        texels : (aliasing, leak), optional
+            What `aliasing` and `leak` say of them, if that is known.
 
         Returns
         -------
         expected : Expected
         """
         if settings.filter == "none":
-            dark = float(self._signals.shadowed_share)
+            dark = float(self.signals.shadowed_share)
             return Expected(dark, dark, 0.0)
-        aliasing, leak = self.aliasing(settings, map_size), self.leak(settings, map_size)
-        left = 0.0
+        if texels is None:
+            texels = self.aliasing(settings, map_size), self.leak(settings, map_size)
+        (aliasing, leak), left = texels, 0.0
         if settings.filter == "pcss":
             left = self.left_out(settings, map_size, filter_size)
         held = np.hypot(aliasing, self.softness(settings, 0.0)) + leak
@@ -168,7 +172,7 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int or (k,) int, optional
+        map_size : int, (k,) or (k, n) int, optional
             Of all maps, instead of that of the settings.
         filter_size : int or (k,) int, optional
             Side of the kernel [texels], likewise.
@@ -179,12 +183,12 @@ class Forecaster:
             0 where the kernel is as wide as all penumbrae, `penumbra` where it is nothing.
         """
         kernel, area = settings.filter_size if filter_size is None else filter_size, 0.0
-        for number, view in enumerate(self._signals.views):
+        for number, view in enumerate(self.signals.views):
             if len(view.edges):
                 known, wide = self._taken(number, settings), self._penumbrae()[number]
                 part = _column(kernel) / _size_at(settings, map_size, known.edge_cascade)
                 missing = np.maximum(wide - part * known.reach, 0.0)
-                area += (view.edge_lengths * missing).sum(axis=-1)
+                area += missing @ view.edge_lengths
         pixels = self._facing()
         return DISC * area / pixels if pixels else 0.0
 
@@ -194,7 +198,7 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int or (k,) int
+        map_size : int, (k,) or (k, n) int
             Of all maps.
 
         Returns
@@ -202,11 +206,22 @@ class Forecaster:
         side : int or (k,) int
             Odd, 5 to 65 texels; what leaves out a twentieth of what hard edges miss, and rounding.
         """
-        wanted = max(
-            self._taken(number, settings).wanted for number in range(len(self._signals.views))
-        )
-        half = np.ceil(0.5 * np.minimum(wanted * np.asarray(map_size), LARGEST_KERNEL))
+        sizes = np.asarray(map_size)
+        largest = sizes.max(axis=1) if sizes.ndim == 2 else sizes
+        parts = sizes[-1] / sizes[-1].max() if sizes.ndim == 2 else np.ones(1)
+        views = range(len(self.signals.views))
+        wanted = max(self._least_part(number, settings, parts) for number in views)
+        half = np.ceil(0.5 * np.minimum(wanted * largest, LARGEST_KERNEL))
         return np.clip(2 * half.astype(int) + 3, 5, LARGEST_KERNEL)
+
+    def _least_part(self, number, settings, parts):
+        """Least part of the largest map that a kernel must be wide, where maps are such parts."""
+        key = number, _key(settings), tuple(parts.tolist())
+        if key not in self._wanted:
+            view, known = self.signals.views[number], self._taken(number, settings)
+            reach = known.reach / (parts[known.edge_cascade] if len(parts) > 1 else 1.0)
+            self._wanted[key] = narrowest(reach, self._penumbrae()[number], view.edge_lengths)
+        return self._wanted[key]
 
     def leak(self, settings, map_size=None):
         """Share of facing pixels in shadow that the bias is expected to light.
@@ -217,7 +232,7 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int or (k,) int, optional
+        map_size : int, (k,) or (k, n) int, optional
             Of all maps, instead of that of the settings.
 
         Returns
@@ -227,7 +242,7 @@ class Forecaster:
         if settings.bias != "auto":
             return 0.0
         lit = count = 0
-        for number, view in enumerate(self._signals.views):
+        for number, view in enumerate(self.signals.views):
             if len(view.gaps):
                 known = self._taken(number, settings)
                 size = _size_at(settings, map_size, known.receiver_cascade)
@@ -244,7 +259,7 @@ class Forecaster:
         """
         if self._soft is None:
             wide, pixels = self._penumbrae(), self._facing()
-            views = self._signals.views
+            views = self.signals.views
             area = sum(float(v.edge_lengths @ w) for v, w in zip(views, wide, strict=True))
             self._soft = DISC * area / pixels if pixels else 0.0
         return self._soft
@@ -252,22 +267,24 @@ class Forecaster:
     def _penumbrae(self):
         """Width [pixels] of the penumbra at the edges of each view."""
         if self._wide is None:
-            views = self._signals.views
+            views = self.signals.views
             self._wide = [np.minimum(view.penumbra_widths(), WIDEST) for view in views]
         return self._wide
 
     def _facing(self):
         """Pixels of the full pictures that face the sun."""
-        views = self._signals.views
-        return sum(v.facing_count * self._signals.pixels / v.pixel_count for v in views)
+        views = self.signals.views
+        return sum(v.facing_count * self.signals.pixels / v.pixel_count for v in views)
 
     def texel_sides(self, settings, map_size=None):
         """Longer side of a texel of each cascade that receivers take (n,), or (k, n) [m]."""
         windows = self._taken(0, settings).windows
         wide = windows > NOTHING * windows.max()
-        if map_size is None:
-            return windows[wide] / np.asarray(map_sizes(settings), float)[wide]
-        return windows[wide] / _column(map_size)
+        sizes = np.asarray(map_sizes(settings) if map_size is None else map_size, float)
+        if sizes.ndim == 1 and map_size is not None:
+            sizes = sizes[:, None]
+        sides = windows / sizes
+        return sides[..., wide]
 
     def has_idle_cascades(self, settings):
         """Whether a cascade has no receivers in any view.
@@ -280,25 +297,70 @@ class Forecaster:
         -------
         idle : bool
         """
-        views = range(len(self._signals.views))
+        views = range(len(self.signals.views))
         held = np.any([self._taken(number, settings).held for number in views], axis=0)
         return not held.all()
 
+    def displaced(self, settings):
+        """What a map's size divides to give the displacement of the edges it answers for.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+
+        Returns
+        -------
+        area : (n,) float64
+            Of each cascade: lengths times displacements by a map of one texel [pixels²].
+        """
+        return sum(
+            self._taken(number, settings).displaced(view.edge_lengths)
+            for number, view in enumerate(self.signals.views)
+        )
+
+    def load(self, settings):
+        """What casters lay on the maps of a path's first view.
+
+        Windows turned or warped hold what those along the axes do.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+
+        Returns
+        -------
+        load : csm.caster_load.Load
+        """
+        plain = settings
+        if settings.turned or settings.warp != "none":
+            plain = settings.replace(turned=False, warp="none")
+        key = _key(plain)
+        if key not in self._loads:
+            cascades = self._taken(0, plain).cascades
+            self._loads[key] = self.signals.views[0].casters.load(cascades)
+        return self._loads[key]
+
     def _taken(self, number, settings):
         """What an arrangement of windows makes of one view."""
-        key = number, tuple(v for k, v in vars(settings).items() if k not in WITHOUT_WINDOWS)
+        key = number, _key(settings)
         if key not in self._known:
-            one = settings.replace(map_size=2048, depth_format="d32f", filter="hard")
-            self._known[key] = arrange(
-                self._signals.views[number], self._penumbrae()[number], one, self._scene
-            )
+            one = settings.replace(map_size=2048, storage="array", depth_format="d32f")
+            view = self.signals.views[number]
+            self._known[key] = arrange(view, one.replace(filter="hard"), self._scene)
         return self._known[key]
 
 
+def _key(settings):
+    """What of settings moves windows."""
+    return tuple(v for k, v in vars(settings).items() if k not in WITHOUT_WINDOWS)
+
+
 def _size_at(settings, map_size, cascade):
-    """Texels along the map of each point: a number, or (k, 1), where all maps have as many."""
+    """Texels along the map of each point: a number, (e,), (k, 1) or (k, e)."""
     if map_size is not None:
-        return _column(map_size)
+        return (
+            np.asarray(map_size, float)[:, cascade] if np.ndim(map_size) == 2 else _column(map_size)
+        )
     sizes = map_sizes(settings)
     return float(sizes[0]) if len(set(sizes)) == 1 else np.asarray(sizes, float)[cascade]
 
@@ -314,34 +376,37 @@ class CostModel:
 
     Attributes
     ----------
-    view_pixel, view_triangle, receiver_pixel, turned_pixel, range_pixel, mask_pixel : float
+    view_pixel, view_triangle, receiver_pixel, turned_pixel, range_pixel : float
         Of a million pixels, or of a thousand triangles, of the passes over the picture [ms]: what
-        is seen, its windows, those of turned ones, ranges of splits, the mask.
-    soft : float
-        Factor of the mask's pass under percentage-closer soft shadows of 16 taps.
-    map_texel, map_area : float
-        Of a million texels that hold a caster, with both sides of triangles drawn, and of a million
-        of all [ms].
+        is seen, its windows, those of turned ones, ranges of splits.
+    mask_pixel, mask_cascade, mask_tap : float
+        The mask's, of a million pixels; of a million that face the sun and each cascade; and of a
+        million and each tap of percentage-closer soft shadows [ms].
+    map_texel, map_layer : float
+        Of a million texels of the maps, and of a million that a side of a caster covers [ms].
     map_triangle, map_pass : float
         Of a thousand triangles, and of each map [ms].
-    warp : float
-        Factor of the texels' under a warp, whose depths a shader writes.
+    cutout, warp : float
+        Factors of covered texels: of casters with a cut-out, whose shader looks it up, and under a
+        warp, whose depths a shader writes.
     source : str
         Where the numbers come from.
     """
 
-    view_pixel: float = 8.5
-    view_triangle: float = 0.15
-    receiver_pixel: float = 7.5
-    turned_pixel: float = 7.0
-    range_pixel: float = 8.0
-    mask_pixel: float = 20.0
-    soft: float = 9.0
-    map_texel: float = 10.5
-    map_area: float = 0.0
-    map_triangle: float = 0.29
-    map_pass: float = 1.0
-    warp: float = 2.5
+    view_pixel: float = 5.0
+    view_triangle: float = 0.12
+    receiver_pixel: float = 6.3
+    turned_pixel: float = 8.0
+    range_pixel: float = 7.0
+    mask_pixel: float = 9.6
+    mask_cascade: float = 2.5
+    mask_tap: float = 4.2
+    map_texel: float = 0.5
+    map_layer: float = 0.76
+    map_triangle: float = 0.18
+    map_pass: float = 0.25
+    cutout: float = 2.0
+    warp: float = 4.0
     source: str = "llvmpipe on two cores"
 
     def scaled(self, factor, source):
@@ -356,22 +421,23 @@ class CostModel:
         -------
         model : CostModel
         """
-        names = [n for n in self.__dataclass_fields__ if n not in ("soft", "warp", "source")]
+        fixed = ("cutout", "warp", "source")
+        names = [n for n in self.__dataclass_fields__ if n not in fixed]
         return replace(self, source=source, **{n: factor * getattr(self, n) for n in names})
 
     def with_maps(self, factor):
         """Copy with the times of shadow maps multiplied."""
-        names = ("map_texel", "map_area", "map_triangle", "map_pass")
+        names = ("map_texel", "map_layer", "map_triangle", "map_pass")
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
-    def parts(self, settings, signals, map_size=None):
+    def parts(self, settings, forecaster, map_size=None):
         """Milliseconds of the shadow maps, and of everything else.
 
         Parameters
         ----------
         settings : ShadowSettings
-        signals : Signals
-        map_size : int or (k,) int, optional
+        forecaster : Forecaster
+        map_size : int, (k,) or (k, n) int, optional
             Of all maps, instead of that of the settings.
 
         Returns
@@ -379,28 +445,42 @@ class CostModel:
         maps : float, or (k,) float64
         others : float
         """
+        signals, count = forecaster.signals, settings.cascade_count
         pixels = signals.pixels / 1e6
         others = self.view_pixel * pixels + self.view_triangle * signals.scene_triangles / 1e3
+        others += self.mask_pixel * pixels
         if settings.filter == "none":
-            return 0.0, others + 0.5 * self.mask_pixel * pixels
-        soft = 1.0 + (self.soft - 1.0) * settings.tap_count / 16.0
-        others += self.mask_pixel * pixels * (soft if settings.filter == "pcss" else 1.0)
+            return 0.0, others
+        others += self.mask_cascade * count * pixels * signals.seen_share * signals.facing_share
+        if settings.filter == "pcss":
+            others += self.mask_tap * pixels * settings.tap_count
         if settings.fit == "visible":
             others += self.receiver_pixel * pixels
             others += self.turned_pixel * pixels if settings.turned else 0.0
         if settings.split == "sdsm":
             others += self.range_pixel * pixels
-        count = settings.cascade_count
-        sizes = map_sizes(settings) if map_size is None else _column(map_size)
-        texels = np.broadcast_to(
-            np.square(np.asarray(sizes, float)) / 1e6, (*np.shape(sizes)[:-1], count)
-        )
-        held = (texels * _covers(count, signals)).sum(axis=-1)
-        maps = self.map_texel * held * _drawn_share(settings, signals)
-        maps *= self.warp if settings.warp != "none" else 1.0
-        maps += self.map_area * texels.sum(axis=-1)
-        maps += self.map_triangle * drawn_triangles(count, signals) / 1e3
+        sizes = map_sizes(settings) if map_size is None else map_size
+        sizes = _column(sizes) if map_size is not None and np.ndim(sizes) < 2 else sizes
+        texels = np.square(np.asarray(sizes, float)) / 1e6
+        texels = np.broadcast_to(texels, (*np.shape(texels)[:-1], count))
+        maps = (texels * self.texel_costs(settings, forecaster)).sum(axis=-1)
+        maps = maps + self.map_triangle * forecaster.load(settings).triangles.sum() / 1e3
         return maps + self.map_pass * count, others
+
+    def texel_costs(self, settings, forecaster):
+        """Milliseconds of a million texels of each map (n,), by what covers them.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        forecaster : Forecaster
+        """
+        drawn = {"both": slice(0, 2), "front": slice(0, 1), "back": slice(1, 2)}
+        layers = forecaster.load(settings).layers[:, drawn[settings.caster_faces]].sum(axis=1)
+        covered = layers @ (1.0, self.cutout)
+        return self.map_texel + self.map_layer * covered * (
+            self.warp if settings.warp != "none" else 1.0
+        )
 
 
 #: Of a GPU: what fills maps is clearing and storing them as much as casters, passes over the
@@ -411,12 +491,14 @@ GPU = CostModel(
     receiver_pixel=0.03,
     turned_pixel=0.03,
     range_pixel=0.03,
-    mask_pixel=0.045,
-    soft=7.0,
-    map_texel=0.17,
-    map_area=0.15,
+    mask_pixel=0.0235,
+    mask_cascade=0.002,
+    mask_tap=0.0035,
+    map_texel=0.15,
+    map_layer=0.05,
     map_triangle=0.0016,
     map_pass=0.05,
+    cutout=1.0,
     warp=1.0,
     source="an H200",
 )
@@ -437,48 +519,21 @@ def cost_model_of(info):
     return CostModel() if info["software"] else GPU
 
 
-def forecast_cost(settings, signals, model=None, map_size=None):
+def forecast_cost(settings, forecaster, model=None, map_size=None):
     """Milliseconds that a frame is expected to take.
 
     Parameters
     ----------
     settings : ShadowSettings
-    signals : Signals
+    forecaster : Forecaster
     model : CostModel, optional
         By default that of llvmpipe on two cores, the same on every machine.
-    map_size : int or (k,) int, optional
+    map_size : int, (k,) or (k, n) int, optional
         Of all maps, instead of that of the settings.
 
     Returns
     -------
     ms : float, or (k,) float64
     """
-    maps, others = (model or CostModel()).parts(settings, signals, map_size)
+    maps, others = (model or CostModel()).parts(settings, forecaster, map_size)
     return maps + others
-
-
-def drawn_triangles(count, signals):
-    """Triangles that so many cascades are expected to draw, from the four of the coarse maps.
-
-    The first map of one cascade meets what the widest of four meets, and more; each further one
-    adds what those did on average.
-    """
-    four = sum(signals.casters)
-    one = min(signals.scene_triangles, max(four, 1))
-    return one + max(four - one, 0.1 * one) * (count - 1) / 3.0
-
-
-def _covers(count, signals):
-    """Shares of texels (count,) that hold a caster, from those of the four coarse maps."""
-    four = np.asarray(signals.covers)
-    if count == 1 or not len(four):
-        return np.full(count, four.max(initial=0.0))
-    at = (np.arange(count) + 0.5) / count * len(four)
-    return four[np.minimum(at.astype(int), len(four) - 1)]
-
-
-def _drawn_share(settings, signals):
-    """Share of the casters' fill that is drawn."""
-    return {"both": 1.0, "front": signals.lit_area, "back": 1.0 - signals.lit_area}[
-        settings.caster_faces
-    ]

@@ -138,6 +138,11 @@ class Recommendation(Recorded):
         """`csm.forecasts.CostModel` of the milliseconds; None when it was read from a file."""
         return self._model
 
+    @property
+    def forecaster(self):
+        """`csm.forecasts.Forecaster` of what was measured; None when it was read from a file."""
+        return None if self._search is None else self._search.forecaster
+
     def _measured(self):
         """Return the search over what was measured."""
         if self._search is None:
@@ -474,7 +479,7 @@ def obstacle_of(search, chosen, model, goal):
     """
     budget, limit = goal["budget_ms"], goal["max_error"]
     if budget is not None and chosen.ms > budget:
-        maps, others = model.parts(chosen.settings, search.signals)
+        maps, others = model.parts(chosen.settings, search.forecaster)
         what = (
             "map_size: shadow maps" if maps > others else "filter: the camera's view and the mask"
         )
@@ -500,7 +505,7 @@ def _error_obstacle(search, chosen, model, goal):
     else:
         what = f"map_size: texels alone leave {100.0 * aliasing:.2g} %"
     # what holds finer maps back is what rules out candidates that are more exact
-    if goal["budget_ms"] and min(c.error for c in search.candidates(model)) < chosen.error:
+    if goal["budget_ms"] and search.least_error() < chosen.error:
         return f"{what}, and finer maps exceed budget_ms"
     if goal["max_bytes"] and goal["max_bytes"] < search.most_bytes:
         return f"{what}, and finer maps exceed max_bytes"

@@ -15,11 +15,11 @@ __all__ = ["GOAL_RANGES", "check_agreement"]
 #: Least and most of each goal.
 GOAL_RANGES = {"max_error": (0.0, 1.0), "budget_ms": (1e-6, 1e9), "max_bytes": (1.0, 1e15)}
 SHARES = (
-    *("seen_share", "facing_share", "shadowed_share", "depth_shares", "cascade_shares", "covers"),
+    *("seen_share", "facing_share", "shadowed_share", "depth_shares", "cascade_shares"),
     *("thin_share", "layered_share", "front_matters", "faces_matter", "bias_matters", "lit_area"),
 )
 NOT_NEGATIVE = (
-    *("casters", "needless_chunks", "scene_triangles", "edge_share", "penumbra_pixels"),
+    *("casters", "layers", "needless_chunks", "scene_triangles", "edge_share", "penumbra_pixels"),
     *("penumbra_metres", "depth_span", "origin_distance"),
 )
 ROUNDING = 1e-9  # beyond 1 that a share may be by its sums

@@ -255,7 +255,7 @@ def mean_displacement(across):
     mean : (m,) float64
         ``max / 4 + min² / (12 max)``.
     """
-    least, most = across.min(axis=1), across.max(axis=1)
+    least, most = np.minimum(*across.T), np.maximum(*across.T)
     return most / 4.0 + least**2 / (12.0 * np.maximum(most, 1e-12))
 
 

@@ -1,9 +1,8 @@
 """Number, size, splits and axes of the maps: forecasts of every arrangement, and the choice."""
 
 import math
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, field
 from functools import cached_property
-from itertools import groupby, product
 
 import numpy as np
 
@@ -24,13 +23,23 @@ from .decisions import (
 )
 from .forecasts import CostModel, Expected, Forecaster, forecast_cost
 from .plans import map_bytes
-from .settings import ShadowSettings
+from .settings import ShadowSettings, map_sizes
 from .verification import everything_on
 
 __all__ = ["Candidate", "Forecast", "Search", "cheapest", "finest"]
 
 STEPS = 4  # of sizes, from one to its double
 SIZES = tuple(round(SMALLEST * 2 ** (k / STEPS)) for k in range(4 * STEPS + 1))  # to 4096
+# Of maps of unequal sizes: sides are whole steps of texels, and the least; closer ones are equal.
+SIDE_STEP, SIDE_LEAST, NEARLY_EQUAL = 16, 128, 0.85
+#: Split schemes between which the forecast chooses: the first is that of all defaults. The later
+#: ones cut nearer slices, the last in equal ratios of depth.
+SPLITS = (
+    {"split": "practical"},
+    {"split": "practical", "lam": 0.75},
+    {"split": "practical", "lam": 0.9},
+    {"split": "logarithmic"},
+)
 # What everything switched on may still gain, as forecast: two fifths of what it may as measured,
 # 5 % or 0.05 % of the pixels. Of 55 real pairs, forecasts within that were so measured in 52; of
 # what the factors miss, the median is 12 %.
@@ -62,7 +71,7 @@ class Candidate:
     ----------
     arranged : ShadowSettings
         All but the size of the maps and what hangs on it.
-    map_size : int
+    map_size : int or tuple of int
     error, ms : float
     changes : dict
         Size, and what hangs on it.
@@ -71,7 +80,7 @@ class Candidate:
     """
 
     arranged: ShadowSettings = field(repr=False)
-    map_size: int
+    map_size: int | tuple[int, ...]
     error: float
     ms: float
     changes: dict = field(default_factory=dict, repr=False)
@@ -85,11 +94,51 @@ class Candidate:
     @property
     def texels(self):
         """Of all maps."""
-        return self.arranged.cascade_count * self.map_size**2
+        return sum(side**2 for side in map_sizes(self.settings))
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Candidates of one arrangement and filter, one a size.
+
+    Attributes
+    ----------
+    arranged : ShadowSettings
+    sizes : (k,) or (k, n) int
+        Of all maps, or of each.
+    changes : dict
+        Lists of as many values: sizes, and what hangs on them.
+    expected : Expected
+        Of arrays (k,).
+    """
+
+    arranged: ShadowSettings
+    sizes: np.ndarray
+    changes: dict
+    expected: Expected
+
+    @property
+    def texels(self):
+        """Of all maps (k,)."""
+        squares = np.square(self.sizes.astype(float))
+        if squares.ndim == 1:
+            return squares * self.arranged.cascade_count
+        return squares.sum(axis=1)
+
+    def candidate(self, row, ms):
+        """One of them, with its cost."""
+        told = self.expected
+        expected = Expected(
+            float(told.error[row]), float(told.held[row]), float(told.left_out[row])
+        )
+        changes = {name: values[row] for name, values in self.changes.items()}
+        return Candidate(
+            self.arranged, changes["map_size"], expected.error, float(ms), changes, expected
+        )
 
 
 class Search:
-    """Number, size, splits and axes of the maps.
+    """Number, sizes, splits and axes of the maps.
 
     Parameters
     ----------
@@ -107,7 +156,7 @@ class Search:
         self.signals, self.goal = signals, goal
         self.model = CostModel() if model is None else model
         self.forecaster = Forecaster(signals, scene)
-        self._largest, self._found = largest, None
+        self._largest = largest
 
     @property
     def most_bytes(self):
@@ -116,66 +165,135 @@ class Search:
         return map_bytes(ShadowSettings(cascade_count=max(COUNTS), map_size=side))
 
     def candidates(self, model):
-        """All settings that are considered, with forecasts; the rows' answers are in them."""
-        if not sum(view.facing_count for view in self.signals.views):
-            dark = ShadowSettings(filter="none")
-            ms = forecast_cost(dark, self.signals, model)
-            return [Candidate(dark, SMALLEST, 0.0, ms, expected=Expected(0.0, 0.0, 0.0))]
-        if self._found is None:
-            self._found = self._forecast()
-        every = []
-        for _, sized in groupby(self._found, key=lambda one: id(one.arranged)):
-            sized = list(sized)
-            sizes = np.array([one.map_size for one in sized])
-            costs = forecast_cost(sized[0].arranged, self.signals, model, map_size=sizes).tolist()
-            every += [replace(one, ms=ms) for one, ms in zip(sized, costs, strict=True)]
-        return every
+        """All settings that are considered, with forecasts; the rows' answers are in them.
 
-    def _forecast(self):
-        """Every arrangement and size; where soft shadows are called for, under them and hard ones.
+        Parameters
+        ----------
+        model : CostModel
+
+        Returns
+        -------
+        candidates : list of Candidate
+            Of some thousands.
+        """
+        costs = self._costs(model)
+        return [self._candidate(at, costs) for at in np.flatnonzero(self._allowed)]
+
+    def least_ms(self, model):
+        """Forecast [ms] of the cheapest candidate."""
+        return float(self._costs(model)[self._allowed].min())
+
+    def least_error(self):
+        """Forecast error of the most exact candidate."""
+        return float(self._column("error")[self._allowed].min())
+
+    @cached_property
+    def families(self):
+        """Every arrangement, its sizes and filters, with forecasts of the error.
 
         The first filter is the one that is called for. Where hard edges are, soft ones may still be
         what an error takes that was asked for.
         """
+        if not sum(view.facing_count for view in self.signals.views):
+            dark, nothing = ShadowSettings(filter="none"), np.zeros(1)
+            sizes = np.array([SMALLEST])
+            return [Family(dark, sizes, {"map_size": [SMALLEST]}, Expected(*3 * (nothing,)))]
         soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
-        arranged = [one for count in COUNTS for one in self._arrangements(count)]
-        most, found = self.goal["max_bytes"], []
         filters = [{"filter": "hard"}]
         pcss = [{"filter": "pcss", "tap_count": taps} for taps in TAPS]
         if soft:
             filters = pcss + filters
         elif self.goal["max_error"] is not None and self.signals.penumbra_pixels[2] > 0.0:
             filters += pcss
-        for settings, changes in product(arranged, filters):
-            found += self._sized(settings.replace(**changes))
-        if most is not None:
-            found = [one for one in found if map_bytes(one.settings) <= most]
-        if not found:
+        return [
+            family
+            for count in COUNTS
+            for arranged in self._arrangements(count)
+            for sized, sizes in self._sizes(arranged)
+            for family in self._filtered(sized, sizes, filters)
+        ]
+
+    def _sizes(self, arranged):
+        """Settings and sizes of their maps: equal ones (k,), and of a still unequal ones (k, n).
+
+        What edges miss goes with 1 / size, what maps cost with its square. For a sum of misses
+        ``sum a / s`` the sum of costs ``sum w s^2`` is least where s goes with the cube root of
+        a / w (the multiplier of Lagrange: a / s^2 = 2 l w s).
+        """
+        largest = np.array([size for size in SIZES if size <= self._largest])
+        every = [(arranged, largest)]
+        if arranged.cascade_count == 1 or arranged.snap != "none":
+            return every
+        parts = np.cbrt(
+            self.forecaster.displaced(arranged) / self.model.texel_costs(arranged, self.forecaster)
+        )
+        if not parts.max() > 0.0 or parts.min() > NEARLY_EQUAL * parts.max():
+            return every
+        wanted = largest[:, None] * (parts / parts.max())
+        sizes = SIDE_STEP * np.round(wanted / SIDE_STEP).astype(int)
+        sizes = np.maximum(sizes, SIDE_LEAST)
+        # side by side at most: an atlas of them is no larger than the largest map
+        sizes = sizes[sizes.sum(axis=1) <= self._largest]
+        unequal = sizes[(sizes != sizes[:, :1]).any(axis=1)]
+        return [*every, (arranged.replace(storage="atlas"), unequal)] if len(unequal) else every
+
+    def _filtered(self, arranged, sizes, filters):
+        """Candidates of an arrangement under each filter, one a size, with all that hangs on it."""
+        told = self.forecaster
+        texels = told.aliasing(arranged, sizes), told.leak(arranged, sizes)
+        sides = [tuple(one) if sizes.ndim == 2 else one for one in sizes.tolist()]
+        depths, found = None, []
+        for changes in filters:
+            settings = arranged.replace(**changes)
+            at = Situation(self.signals, told, settings)
+            depths = wanted_format(at, sizes) if depths is None else depths
+            depends = {"map_size": sides, "depth_format": depths}
+            if settings.filter == "pcss":
+                depends["filter_size"] = wanted_size(at, sizes)
+            expected = told.expected(settings, sizes, depends.get("filter_size"), texels)
+            parts = (expected.error, expected.held, expected.left_out)
+            parts = (np.broadcast_to(one, len(sizes)) for one in parts)
+            found.append(Family(settings, sizes, depends, Expected(*parts)))
+        return found
+
+    @cached_property
+    def _places(self):
+        """Family and row of every candidate (m, 2)."""
+        counts = [len(one.sizes) for one in self.families]
+        rows = np.concatenate([np.arange(count) for count in counts])
+        return np.stack([np.repeat(np.arange(len(counts)), counts), rows], axis=1)
+
+    @cached_property
+    def _allowed(self):
+        """Which candidates are within ``max_bytes`` (m,)."""
+        most = self.goal["max_bytes"]
+        if most is None:
+            return np.ones(len(self._places), bool)
+        nothing = np.zeros(len(self._places))
+        every = (self._candidate(at, nothing) for at in range(len(nothing)))
+        found = np.array([map_bytes(one.settings) <= most for one in every])
+        if not found.any():
             raise ValueError(
                 f"max_bytes must hold one map of {SMALLEST} x {SMALLEST} (got {most:g})"
             )
         return found
 
-    def _sized(self, settings):
-        """Candidates of an arrangement, one a size, with all that hangs on the size."""
-        at = Situation(self.signals, self.forecaster, settings)
-        sizes = np.array([size for size in SIZES if size <= self._largest])
-        depends = {"map_size": sizes.tolist(), "depth_format": wanted_format(at, sizes)}
-        if settings.filter == "pcss":
-            depends["filter_size"] = wanted_size(at, sizes)
-        expected = self.forecaster.expected(settings, sizes, depends.get("filter_size"))
-        parts = (
-            np.broadcast_to(part, sizes.shape).tolist()
-            for part in (expected.error, expected.held, expected.left_out)
-        )
-        changes = (
-            dict(zip(depends, one, strict=True)) for one in zip(*depends.values(), strict=True)
-        )
-        forecasts = (Expected(*one) for one in zip(*parts, strict=True))
-        return [
-            Candidate(settings, one["map_size"], forecast.error, 0.0, one, forecast)
-            for one, forecast in zip(changes, forecasts, strict=True)
-        ]
+    def _column(self, name):
+        """A part of what is expected of every candidate (m,)."""
+        return np.concatenate([getattr(one.expected, name) for one in self.families])
+
+    def _costs(self, model):
+        """Forecast of every candidate (m,) [ms]."""
+        return np.concatenate([
+            np.broadcast_to(
+                forecast_cost(one.arranged, self.forecaster, model, one.sizes), len(one.sizes)
+            )
+            for one in self.families
+        ])  # fmt: skip
+
+    def _candidate(self, at, costs):
+        number, row = self._places[at]
+        return self.families[number].candidate(row, costs[at])
 
     def choose(self, model, reach=None, without=()):
         """The candidate that the goal asks for.
@@ -193,27 +311,39 @@ class Search:
         candidate : Candidate
             Where none is within the budget, the cheapest.
         """
-        every = self.candidates(model)
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
         reach = budget if reach is None else reach
-        affordable = [c for c in every if budget is None or c.ms <= reach]
-        if without:
-            sizes = {one.map_size for one in without}  # settings are made of few candidates
-            affordable = [
-                c for c in affordable if c.map_size not in sizes or c.settings not in without
-            ]
-        if not affordable:
-            return min(every, key=lambda c: (c.ms, c.error))
-        if limit is not None:
-            good = [c for c in affordable if c.error <= limit]
-            return min(good, key=cheapest) if good else min(affordable, key=finest)
+        costs, error = self._costs(model), self._column("error")
+        texels = np.concatenate([one.texels for one in self.families])
+
+        def least(among, *keys):
+            rows = np.flatnonzero(among)
+            order = np.lexsort([key[rows] for key in reversed(keys)])
+            return self._candidate(rows[order[0]], costs)
+
+        affordable = self._allowed.copy()
         if budget is not None:
-            return min(affordable, key=finest)
-        called_for = every[0].arranged.filter
-        affordable = [c for c in affordable if c.arranged.filter == called_for]
-        enough = self._knee(called_for)
-        good = [c for c in affordable if enough(c.expected)]
-        return min(good, key=cheapest) if good else min(affordable, key=finest)
+            affordable &= costs <= reach
+        for settings in without:
+            alike = affordable & (texels == sum(side**2 for side in map_sizes(settings)))
+            for at in np.flatnonzero(alike):
+                affordable[at] = self._candidate(at, costs).settings != settings
+        if not affordable.any():
+            return least(self._allowed, costs, error)
+        if limit is not None:
+            good = affordable & (error <= limit)
+            keys = (costs, error, texels) if good.any() else (error, costs, texels)
+            return least(good if good.any() else affordable, *keys)
+        if budget is not None:
+            return least(affordable, error, costs, texels)
+        called_for = self.families[0].arranged.filter
+        filters = np.array([one.arranged.filter == called_for for one in self.families])
+        affordable &= filters[self._places[:, 0]]
+        expected = Expected(error, self._column("held"), self._column("left_out"))
+        good = affordable & self._knee(called_for)(expected)
+        if good.any():
+            return least(good, costs, error, texels)
+        return least(affordable, error, costs, texels)
 
     def _knee(self, called_for):
         """Whether what is expected is at the knee, under the filter that is called for: a function.
@@ -228,7 +358,7 @@ class Search:
         margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
         held = full.held + margin
         left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra()) + margin
-        return lambda expected: expected.held <= held and expected.left_out <= left_out
+        return lambda expected: (expected.held <= held) & (expected.left_out <= left_out)
 
     def forecast(self, settings, model):
         """Error and cost of any settings, and whether they meet the goal.
@@ -244,11 +374,11 @@ class Search:
         """
         expected = self.forecaster.expected(settings)
         error = float(expected.error)
-        ms = float(forecast_cost(settings, self.signals, model))
+        ms = float(forecast_cost(settings, self.forecaster, model))
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
         enough = limit is None or error <= limit
         if limit is None and budget is None:
-            enough = self._knee(self.candidates(model)[0].arranged.filter)(expected)
+            enough = bool(self._knee(self.families[0].arranged.filter)(expected))
         met = (
             enough
             and (budget is None or ms <= budget)
@@ -280,10 +410,7 @@ class Search:
         if signals.orthographic:
             every = [settings.replace(split="uniform")]
         elif count > 1:
-            plain = self._selected(settings)
-            every = [plain, *self._better(plain, split="sdsm")]
-            if self.forecaster.has_idle_cascades(plain):
-                every = [plain.replace(split="sdsm")]
+            every = self._split(settings)
         if not moves:  # neither can be snapped
             every += [
                 one
@@ -299,6 +426,32 @@ class Search:
             ]
         held = [one for one in every if not self.forecaster.has_idle_cascades(one)]
         return held if count > 1 else every
+
+    def _split(self, settings):
+        """Settings by the scheme that costs least, and by what is seen if that costs less."""
+        schemes = [settings.replace(**one) for one in SPLITS]
+        held = [one for one in schemes if not self.forecaster.has_idle_cascades(one)]
+        burdens = [self._burden(one) for one in held]
+        best = [
+            one for one, it in zip(held, burdens, strict=True) if it <= min(burdens) / (1.0 - GAIN)
+        ]
+        seen = settings.replace(split="sdsm")
+        every = best[:1]
+        if not held or self._burden(seen) < (1.0 - GAIN) * min(burdens):
+            every.append(seen)
+        return [self._selected(one) for one in every]
+
+    def _burden(self, settings):
+        """What it costs to fill maps of the best sizes for one error, but for a common factor.
+
+        With the sizes of `_sizes` that is ``(sum (a^2 w)^(1/3))^3``; of equal ones, ``(sum a)^2
+        sum w``.
+        """
+        area = self.forecaster.displaced(settings)
+        texel = self.model.texel_costs(settings, self.forecaster)
+        if settings.snap != "none":
+            return float(area.sum() ** 2 * texel.sum())
+        return float(np.cbrt(area**2 * texel).sum() ** 3)
 
     def _selected(self, settings):
         """Settings, by interval where map selection gains nothing."""

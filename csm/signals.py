@@ -12,6 +12,7 @@ from functools import cached_property
 import numpy as np
 
 from .cascades import fit_cascades
+from .caster_load import Casters, sample_casters
 from .caster_sides import Sides, measure_sides
 from .coarse_look import (
     blockers_of,
@@ -80,8 +81,10 @@ class View:
         Of the casters' texels in the coarse maps; of the receivers in full shadow.
     triangles : tuple of int
         Drawn for each of the coarse maps.
-    covers : tuple of float
-        Share of the texels of each of the coarse maps that hold a caster.
+    casters : Casters
+        A sample of the triangles that cast.
+    layers : tuple of float
+        How often they cover each of the coarse maps, on average, all their sides counted.
     needless_chunks : int
         That exclusive culling left out of them.
     cascade_shares : tuple of float
@@ -108,7 +111,8 @@ class View:
     thin_share: float
     layered_share: float
     triangles: tuple[int, ...]
-    covers: tuple[float, ...]
+    casters: Casters
+    layers: tuple[float, ...]
     needless_chunks: int
     cascade_shares: tuple[float, ...]
 
@@ -161,8 +165,8 @@ class Signals:
         Receivers in each of four cascades of the practical scheme.
     casters : tuple of int
         Triangles drawn for each of those.
-    covers : tuple of float
-        Share of the texels of each of those that hold a caster.
+    layers : tuple of float
+        How often triangles cover each of those, on average, all their sides counted.
     needless_chunks : int
         Chunks of casters that only finer maps need, in all of those.
     slope_percentiles : (3,) float64
@@ -217,7 +221,7 @@ class Signals:
     depth_ratio: float
     cascade_shares: tuple[float, ...]
     casters: tuple[int, ...]
-    covers: tuple[float, ...]
+    layers: tuple[float, ...]
     needless_chunks: int
     slope_percentiles: np.ndarray
     bias_slope: float
@@ -319,7 +323,9 @@ def _look(renderer, scene, camera, sun, spent):
 
     # where nothing is in shadow no picture says which sides of casters are needed
     plain = not (judged & ~lit).any()
-    sides = Sides(1.0) if plain else measure_sides(scene, sun, lit, judged, count, again)
+    casters = sample_casters(scene, light_gradients(sun))
+    sides = Sides(1.0) if plain else measure_sides(casters.lit_area, lit, judged, count, again)
+    casters = casters.thinned(frame.cascades)
 
     rows, columns = np.nonzero(facing)
     everywhere = positions_of(small, frame.view_depth, rows, columns)
@@ -360,7 +366,8 @@ def _look(renderer, scene, camera, sun, spent):
         thin_share=thin_share_of(frame),
         layered_share=layered_share_of(frame, receivers, rows, columns),
         triangles=tuple(int(n) for n in frame.info["triangles_drawn"]),
-        covers=tuple(float(np.mean(depths < 1.0)) for depths in frame.shadow_maps),
+        casters=casters,
+        layers=tuple(casters.load(frame.cascades).layers.sum(axis=(1, 2)).tolist()),
         needless_chunks=int(sum(frame.info["chunks_culled_exclusive"])),
         cascade_shares=tuple(
             float(np.count_nonzero(index == i) / max(count, 1)) for i in range(PROBE.cascade_count)
@@ -407,7 +414,7 @@ def _summary(scene, views, cameras, suns, sides, spent):
         depth_ratio=float(far / near),
         cascade_shares=first.cascade_shares,
         casters=first.triangles,
-        covers=first.covers,
+        layers=first.layers,
         needless_chunks=worst("needless_chunks"),
         slope_percentiles=frozen(_percentiles(pooled("slopes"), (50, 90, 99))),
         bias_slope=float(_percentiles(pooled("gradients"), (50,))[0]),

@@ -9,6 +9,7 @@ import csm
 from csm.budgets import ROUNDS, TIMED, _fitted, _reaches, _timed, choose_timed, within_budget
 from csm.forecasts import CostModel, forecast_cost
 from csm.search import STEPS, Search
+from csm.settings import map_sizes
 from csm.signals import measure_signals
 
 STEP = 2 ** (1 / STEPS)  # of sizes; errors of edges are as large as texels
@@ -32,12 +33,12 @@ class Machine:
     """Times settings by a truth, and remembers which: truth(maps, others, settings), in ms."""
 
     def __init__(self, search, truth, factors=()):
-        self.signals, self._truth, self._factors = search.signals, truth, factors
+        self.forecaster, self._truth, self._factors = search.forecaster, truth, factors
         self.every = search.candidates(CostModel())
         self.settings, self.ms = [], []
 
     def parts(self, settings):
-        return self._truth(*CostModel().parts(settings, self.signals), settings)
+        return self._truth(*CostModel().parts(settings, self.forecaster), settings)
 
     def __call__(self, settings):
         assert settings not in self.settings  # nothing is timed twice
@@ -68,7 +69,7 @@ def chosen_by(search_for, truth, share, factors=(), **goal):
     budget = machine.budget(share)
     chosen, model = choose_timed(search_for(budget, **goal), machine)
     assert len(machine.settings) <= ROUNDS <= 6
-    assert chosen.ms == forecast_cost(chosen.settings, machine.signals, model)
+    assert chosen.ms == forecast_cost(chosen.settings, machine.forecaster, model)
     at = machine.settings.index(chosen.settings)
     assert chosen.ms == pytest.approx(machine.ms[at], rel=1e-12)
     return chosen, machine, budget
@@ -100,7 +101,7 @@ def test_costs_that_the_model_does_not_know_are_bracketed(search_for, share):
     """Everything slows down with the texels, as caches overflow: 1 x 256² is no answer."""
 
     def truth(maps, others, settings):
-        texels = settings.cascade_count * settings.map_size**2 / 1e8
+        texels = sum(side**2 for side in map_sizes(settings)) / 1e8
         return maps * (0.5 + 3.0 * texels), others * (0.6 + 2.0 * texels)
 
     chosen, machine, budget = chosen_by(search_for, truth, share)
@@ -173,7 +174,7 @@ def test_model_fits_all_that_was_timed_but_one_outlier(search_for, at):
     points = [_timed(machine.every[k], search, machine) for k in (0, 40, -1)]
     model = _fitted(points, search)
     for one in machine.every[::10]:
-        assert model.parts(one.settings, search.signals) == pytest.approx(
+        assert model.parts(one.settings, search.forecaster) == pytest.approx(
             machine.parts(one.settings)
         )
 
@@ -196,8 +197,8 @@ def test_last_round_is_the_cheapest_where_nothing_fitted(search_for):
     machine = Machine(search, truth)
     chosen, _ = choose_timed(search, machine)
     assert chosen.ms == pytest.approx(min(machine.ms), rel=1e-9)
-    sizes = [one.map_size for one in machine.settings]
-    least = min(one.map_size for one in machine.every)
+    sizes = [max(map_sizes(one)) for one in machine.settings]
+    least = min(max(map_sizes(one.settings)) for one in machine.every)
     assert len(sizes) == ROUNDS
     assert sizes[-1] == least < min(sizes[:-1])
 
@@ -211,7 +212,7 @@ def test_frames_timed_are_bounded_and_first_ones_do_not_count(search_for):
     class Renderer:
         def render(self, scene, camera, sun, settings, outputs):
             assert (scene, outputs) == ("scene", ("mask",))
-            maps, others = CostModel().parts(settings, search.signals)
+            maps, others = CostModel().parts(settings, search.forecaster)
             factor = 1.0 if settings in rendered else 1000.0
             rendered.append(settings)
             times = {"shadow_map_0": 3 * maps, "shadow_mask": others, "readback": 1e3}

@@ -382,11 +382,11 @@ def test_under_a_budget_a_forecast_is_what_is_expected(renderer, budget):
 def test_corrected_costs_are_those_that_were_timed(renderer):
     scene = csm.scenes.plane_and_box()
     found = csm.recommend(scene, view(1.0), BOX_SUN, renderer=renderer)
-    signals, settings, model = found.signals, found.settings, CostModel()
+    told, settings, model = found.forecaster, found.settings, CostModel()
     times = [(3.0, 40.0), (5.0, 44.0), (90.0, 900.0)]
-    maps, others = corrected(model, settings, signals, times).parts(settings, signals)
+    maps, others = corrected(model, settings, told, times).parts(settings, told)
     assert (maps, others) == (pytest.approx(5.0), pytest.approx(44.0))  # the medians
-    before = model.parts(settings, signals)[0]
-    kept = corrected(model, settings, signals, [(None, 44.0)]).parts(settings, signals)
+    before = model.parts(settings, told)[0]
+    kept = corrected(model, settings, told, [(None, 44.0)]).parts(settings, told)
     assert kept == (pytest.approx(before), pytest.approx(44.0))
-    assert corrected(model, settings, signals, []) is model
+    assert corrected(model, settings, told, []) is model

@@ -8,6 +8,7 @@ from scene_files import load_scene
 
 import csm
 from csm import shapes
+from csm.caster_load import sample_casters
 from csm.caster_sides import (
     BACK_GAIN,
     FACES_SHARE,
@@ -15,7 +16,6 @@ from csm.caster_sides import (
     LIT_MOST,
     LIT_NEARLY_ALL,
     best_sides,
-    lit_area_share,
     measure_sides,
 )
 from csm.coarse_look import outline_of
@@ -24,6 +24,7 @@ from csm.forecasts import CostModel, Forecaster, forecast_cost
 from csm.recommendation import Reasons, obstacle_of
 from csm.search import Search
 from csm.signals import measure_signals
+from csm.spaces import light_gradients
 from csm.verification import FLICKER_FRAMES, FLICKER_POINTS, picture_error
 
 SIZE = (320, 180)
@@ -53,6 +54,10 @@ def box():
 # -- sides of casters ------------------------------------------------------------------------------
 
 
+def lit_area_of(scene):
+    return sample_casters(scene, light_gradients(HIGH)).lit_area
+
+
 @pytest.mark.parametrize(
     ("scene", "expected"),
     [
@@ -66,17 +71,17 @@ def box():
 )
 def test_lit_area_is_that_of_the_sides(scene, expected):
     # the divergence theorem: both sides of a closed surface have one area across any direction
-    assert lit_area_share(scene(), HIGH.to_light) == pytest.approx(expected, abs=1e-6)
+    assert lit_area_of(scene()) == pytest.approx(expected, abs=1e-6)
 
 
 def test_lit_area_of_mirrored_instances_is_that_of_what_they_show():
     mesh = shapes.mesh("ground", shapes.ground(3.0))
     mirror = np.diag([-1.0, 1.0, 1.0, 1.0])  # across x: the ground still looks up
     scene = csm.Scene([mesh], [0, 0], [np.eye(4), mirror])
-    assert lit_area_share(scene, HIGH.to_light) == pytest.approx(1.0)
+    assert lit_area_of(scene) == pytest.approx(1.0)
     upside_down = np.diag([1.0, -1.0, -1.0, 1.0])
     scene = csm.Scene([mesh], [0, 0], [np.eye(4), upside_down])
-    assert lit_area_share(scene, HIGH.to_light) == pytest.approx(0.5)
+    assert lit_area_of(scene) == pytest.approx(0.5)
 
 
 def test_sides_by_their_shares():
@@ -117,7 +122,7 @@ def test_few_pixels_do_not_say_which_sides_cast(box, count):
         asked.append(changes)
         return lit
 
-    sides = measure_sides(box, HIGH, lit, judged, count, again)
+    sides = measure_sides(0.5, lit, judged, count, again)
     assert bool(asked) == (count == LEAST_LOOK)
     assert sides.front == (0.0 if asked else 1.0)
 
@@ -270,7 +275,7 @@ def test_receivers_and_casters_are_counted_for_each_cascade(renderer):
     signals = measure_signals(renderer, plane(), [view()], [HIGH])
     # a ground of two triangles, seen whole: every receiver in a cascade, none drawn twice
     assert sum(signals.cascade_shares) == pytest.approx(1.0)
-    assert len(signals.casters) == len(signals.covers) == 4
+    assert len(signals.casters) == len(signals.layers) == 4
     assert max(signals.casters) == signals.scene_triangles == 2
     for share, triangles in zip(signals.cascade_shares, signals.casters, strict=True):
         assert triangles > 0 or share == 0.0
@@ -342,7 +347,7 @@ def test_taps_are_as_many_as_the_error_asks_for(renderer, box):
     soft = csm.ShadowSettings(filter="pcss", filter_size=65, fit="visible", snap="none")
     few, many = (soft.replace(tap_count=taps) for taps in TAPS)
     assert forecaster.error(few) > forecaster.error(many)
-    assert forecast_cost(few, signals) < forecast_cost(many, signals)
+    assert forecast_cost(few, forecaster) < forecast_cost(many, forecaster)
     loose, fine = (
         csm.recommend(box, view(), sun, max_error=error, renderer=renderer)
         for error in (1.1 * forecaster.error(few), 0.98 * forecaster.error(few))
@@ -380,12 +385,12 @@ def test_forecasts_of_another_size_are_those_of_its_settings(renderer, box):
     other = settings.replace(map_size=1234)
     assert forecaster.error(settings, 1234) == forecaster.error(other) < forecaster.error(settings)
     assert np.array_equal(forecaster.texel_sides(settings, 1234), forecaster.texel_sides(other))
-    assert forecast_cost(settings, signals, map_size=1234) == forecast_cost(other, signals)
+    assert forecast_cost(settings, forecaster, map_size=1234) == forecast_cost(other, forecaster)
     maps = [
-        CostModel().parts(settings.replace(caster_faces=sides), signals)[0]
+        CostModel().parts(settings.replace(caster_faces=sides), forecaster)[0]
         for sides in ("front", "both", "back")
     ]
-    fill = maps[1] - CostModel(map_texel=0.0).parts(settings, signals)[0]
+    fill = maps[1] - CostModel(map_layer=0.0).parts(settings, forecaster)[0]
     # the sides share the fill between them
     assert maps[0] + maps[2] == pytest.approx(2 * maps[1] - fill)
 

@@ -8,7 +8,7 @@ import pytest
 
 import csm
 from csm import shapes
-from csm.forecasts import GPU, CostModel, cost_model_of, forecast_cost
+from csm.forecasts import GPU, CostModel, Forecaster, cost_model_of, forecast_cost
 from csm.search import Search
 from csm.signals import measure_signals
 from csm.verification import picture_error
@@ -105,13 +105,13 @@ def test_costs_to_begin_with_are_those_of_the_driver(renderer, road):
     assert cost_model_of({"software": True}) == CostModel()
     assert cost_model_of({"software": False}) == GPU
     scene, camera, sun = road
-    signals = measure_signals(renderer, scene, [camera], [sun])
+    told = Forecaster(measure_signals(renderer, scene, [camera], [sun]), scene)
     plain = csm.ShadowSettings(fit="visible", cascade_count=2, map_size=2048)
     changes = ({"warp": "lispsm"}, {"split": "sdsm"}, {"turned": True})
 
     def dearer(model):
-        before = forecast_cost(plain, signals, model)
-        return [forecast_cost(plain.replace(**one), signals, model) / before for one in changes]
+        before = forecast_cost(plain, told, model)
+        return [forecast_cost(plain.replace(**one), told, model) / before for one in changes]
 
     # a shader that writes depth, and passes over the picture, are what software lacks hands for
     software, gpu = dearer(CostModel()), dearer(GPU)
@@ -120,17 +120,17 @@ def test_costs_to_begin_with_are_those_of_the_driver(renderer, road):
     assert min(software[1:]) > 1.02
     assert max(gpu[1:]) < 1.02
     larger = plain.replace(map_size=4096)
-    assert forecast_cost(larger, signals, GPU) > 1.5 * forecast_cost(plain, signals, GPU)
+    assert forecast_cost(larger, told, GPU) > 1.5 * forecast_cost(plain, told, GPU)
 
 
 @pytest.mark.parametrize("model", [CostModel(), GPU], ids=["llvmpipe", "gpu"])
 def test_costs_of_many_sizes_are_those_of_each(renderer, road, model):
     scene, camera, sun = road
-    signals = measure_signals(renderer, scene, [camera], [sun])
+    told = Forecaster(measure_signals(renderer, scene, [camera], [sun]), scene)
     settings, sizes = csm.ShadowSettings(fit="visible", cascade_count=3), np.array([256, 1722])
-    together = forecast_cost(settings, signals, model, map_size=sizes)
+    together = forecast_cost(settings, told, model, map_size=sizes)
     for size, cost in zip(sizes.tolist(), together, strict=True):
-        assert cost == forecast_cost(settings.replace(map_size=size), signals, model)
+        assert cost == forecast_cost(settings.replace(map_size=size), told, model)
 
 
 def test_forecasts_of_many_sizes_are_those_of_each(renderer, road):

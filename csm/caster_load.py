@@ -1,0 +1,177 @@
+"""What casters lay on shadow maps: how often they cover their texels, and with how many triangles.
+
+On a rasteriser a map takes as long as all the triangles over it do, one behind the other; what of
+them is seen from the sun in the end does not matter. So triangles are looked at, not maps: some
+thousands of them, each as the box that it fills across the light.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+
+from .spaces import frozen
+
+__all__ = ["Casters", "Load", "sample_casters"]
+
+SAMPLED = 10_000  # triangles that are looked at
+KEPT = 300  # of each class of them, see `thinned`
+LARGEST = 75  # of those, that count for none but themselves
+
+
+@dataclass(frozen=True, eq=False)
+class Load:
+    """What casters lay on maps.
+
+    Attributes
+    ----------
+    layers : (n, 2, 2) float64
+        Of each cascade how often its map is covered, on average: by sides that face the sun and by
+        those that do not, each without and with a cut-out.
+    triangles : (n,) float64
+        Over each map.
+    """
+
+    layers: np.ndarray
+    triangles: np.ndarray
+
+
+@dataclass(frozen=True, eq=False)
+class Casters:
+    """Triangles across the light: boxes that hold them, in the plane of two axes [m].
+
+    Attributes
+    ----------
+    axes : (2, 3) float64
+        Of that plane, unit.
+    centre, half : (t, 2) float64
+        Of each triangle's box [m].
+    area : (t,) float64
+        Across the light [m²], positive where it faces the sun.
+    cut : (t,) bool
+        Whether it has a cut-out.
+    weight : (t,) float64
+        Triangles that it stands for.
+    """
+
+    axes: np.ndarray
+    centre: np.ndarray
+    half: np.ndarray
+    area: np.ndarray
+    cut: np.ndarray
+    weight: np.ndarray
+
+    @property
+    def lit_area(self):
+        """Of the area across the light, the share that faces it.
+
+        One half for closed surfaces, one for a plain; one half where nothing has an area.
+        """
+        total = np.abs(self.area).sum()
+        return float(np.maximum(self.area, 0.0).sum() / total) if total else 0.5
+
+    def thinned(self, cascades):
+        """Fewer of them, so that each of some windows keeps enough.
+
+        The windows of near cascades are small, and hold few of all triangles. So triangles are
+        classed by the first window that they touch; of each class the largest stay, and of the
+        others, sorted by area, every k-th, for k of them.
+
+        Parameters
+        ----------
+        cascades : Cascades
+            Any of this light; finer windows first.
+
+        Returns
+        -------
+        casters : Casters
+        """
+        sides = self._overlap(cascades.uvz_from_world)[0] > 0.0
+        kind = np.where(sides.any(axis=0), sides.argmax(axis=0), len(sides))
+        kept, weight = [], []
+        for one in range(len(sides) + 1):
+            among = np.flatnonzero(kind == one)
+            if len(among) <= KEPT:
+                kept.append(among)
+                weight.append(np.ones(len(among)))
+                continue
+            among = among[np.argsort(-np.abs(self.area[among]), kind="stable")]
+            rest = among[LARGEST:]
+            step = -(-len(rest) // (KEPT - LARGEST))
+            some = rest[step // 2 :: step]
+            kept += [among[:LARGEST], some]
+            weight += [np.ones(LARGEST), np.full(len(some), len(rest) / len(some))]
+        kept = np.concatenate(kept)
+        return Casters(
+            self.axes,
+            *(frozen(one[kept]) for one in (self.centre, self.half, self.area, self.cut)),
+            frozen(self.weight[kept] * np.concatenate(weight)),
+        )
+
+    def load(self, cascades):
+        """What they lay on the maps of cascades without a warp.
+
+        Parameters
+        ----------
+        cascades : Cascades
+
+        Returns
+        -------
+        load : Load
+        """
+        inside, scale = self._overlap(cascades.uvz_from_world)
+        covered = inside * (np.abs(self.area) * self.weight)
+        kinds = 2 * (self.area < 0.0) + self.cut
+        layers = np.stack([(covered * (kinds == k)).sum(axis=1) for k in range(4)], axis=1)
+        return Load((layers * scale[:, None]).reshape(-1, 2, 2), (inside > 0.0) @ self.weight)
+
+    def _overlap(self, uvz_from_world):
+        """Share of each box within each map (n, t), and how many maps are a square metre (n,)."""
+        uvz = np.asarray(uvz_from_world)
+        turn = uvz[:, :2, :3] @ self.axes.T
+        at = self.centre @ turn.transpose(0, 2, 1) + uvz[:, None, :2, 3]
+        half = self.half @ np.abs(turn).transpose(0, 2, 1)
+        low, high = np.maximum(at - half, 0.0), np.minimum(at + half, 1.0)
+        # triangles that are seen edge on have boxes without a width
+        share = np.maximum(high - low, 0.0) / np.maximum(2.0 * half, 1e-30)
+        touched = (high >= low).all(axis=2)
+        thin = np.where(2.0 * half > 0.0, share, 1.0)
+        return thin.prod(axis=2) * touched, np.abs(np.linalg.det(turn))
+
+
+def sample_casters(scene, axes):
+    """Every k-th triangle of a scene, so that it is about 10 000 of them.
+
+    Parameters
+    ----------
+    scene : Scene
+    axes : (2, 3) float64
+        Unit, across the light, and with the way to it right-handed: `csm.spaces.light_gradients`.
+
+    Returns
+    -------
+    casters : Casters
+    """
+    sizes = np.array([len(mesh.triangles) for mesh in scene.meshes])
+    starts = np.concatenate([[0], np.cumsum(sizes[scene.instance_mesh])])
+    stride = max(1, starts[-1] // SAMPLED)
+    wanted = np.arange(0, starts[-1], stride)
+    instance = np.searchsorted(starts, wanted, side="right") - 1
+    flat, cut = np.empty((len(wanted), 3, 2)), np.zeros(len(wanted), bool)
+    across = np.matmul(axes, scene.world_from_instance[:, :3])
+    mirrored = np.sign(np.linalg.det(scene.world_from_instance[:, :3, :3]))
+    for number in np.unique(scene.instance_mesh[instance]):
+        mesh = scene.meshes[number]
+        on = np.flatnonzero(scene.instance_mesh[instance] == number)
+        corners = mesh.positions[mesh.triangles[wanted[on] - starts[instance[on]]]]
+        to_plane = across[instance[on]].transpose(0, 2, 1)
+        flat[on] = corners @ to_plane[:, :3] + to_plane[:, 3:]
+        cut[on] = mesh.alpha is not None
+    (first_x, first_y), (second_x, second_y) = (
+        (flat[:, k, 0] - flat[:, 0, 0], flat[:, k, 1] - flat[:, 0, 1]) for k in (1, 2)
+    )
+    # the axes and the way to the light are a right-handed basis
+    area = 0.5 * mirrored[instance] * (first_x * second_y - first_y * second_x)
+    low, high = flat.min(axis=1), flat.max(axis=1)
+    return Casters(
+        axes, 0.5 * (low + high), 0.5 * (high - low), area, cut, np.full(len(wanted), float(stride))
+    )

@@ -1,0 +1,221 @@
+"""What casters lay on maps: layers against points thrown at them, sizes against other sizes."""
+
+import numpy as np
+import pytest
+
+import csm
+from csm import shapes
+from csm.caster_load import sample_casters
+from csm.forecasts import GPU, CostModel, Forecaster, forecast_cost
+from csm.search import NEARLY_EQUAL, SIDE_LEAST, SIDE_STEP, Search
+from csm.settings import map_sizes
+from csm.signals import measure_signals
+from csm.spaces import light_gradients, transform_points
+from csm.verification import picture_error
+
+SIZE = (320, 180)
+SUN = csm.Sun((0.4, 1.0, 0.3))
+NO_GOAL = {"max_error": None, "budget_ms": None, "max_bytes": None}
+
+
+def cascades_of(scene, **changes):
+    camera = csm.Camera.look_at((0, 6, 30), (0, 0, 0), far=60, size=SIZE)
+    settings = csm.ShadowSettings(cascade_count=3, snap="none", **changes)
+    return csm.fit_cascades(camera, SUN, settings, scene=scene)
+
+
+def soup(count, seed, size=0.4):
+    """Small triangles everywhere, some with a cut-out, of both orientations."""
+    rng = np.random.default_rng(seed)
+    at = rng.uniform((-12, 0, -12), (12, 4, 25), (count, 3))
+    corners = at[:, None] + rng.normal(scale=size, size=(count, 3, 3))
+    half = count // 2
+    plain = csm.Mesh(corners[:half].reshape(-1, 3), np.arange(3 * half).reshape(-1, 3))
+    rest = count - half
+    cut = csm.Mesh(
+        corners[half:].reshape(-1, 3),
+        np.arange(3 * rest).reshape(-1, 3),
+        uv=np.tile([[0, 0], [1, 0], [0, 1]], (rest, 1)),
+        alpha=np.ones((2, 2), np.float32),
+    )
+    return csm.Scene([plain, cut]), corners, np.arange(count) >= half
+
+
+def thrown(cascades, corners, cut, points=4000):
+    """Layers (n, 2, 2), by counting the triangles over points of each map."""
+    rng = np.random.default_rng(3)
+    layers = np.zeros((cascades.count, 2, 2))
+    normals = np.cross(corners[:, 1] - corners[:, 0], corners[:, 2] - corners[:, 0])
+    away = normals @ SUN.to_light < 0.0
+    for i in range(cascades.count):
+        uv = transform_points(cascades.uvz_from_world[i], corners)[..., :2]
+        p = rng.uniform(size=(points, 1, 2))
+        sides = []
+        for k in range(3):
+            a, b = uv[:, k], uv[:, (k + 1) % 3]
+            along, to = b - a, p - a
+            sides.append(along[:, 0] * to[..., 1] - along[:, 1] * to[..., 0])
+        sides = np.stack(sides)
+        inside = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
+        for side in (0, 1):
+            for kind in (0, 1):
+                layers[i, side, kind] = inside[:, (away == side) & (cut == kind)].sum() / points
+    return layers
+
+
+@pytest.mark.parametrize("changes", [{}, {"fit": "scene"}, {"light_basis": "world"}])
+def test_layers_are_those_that_points_meet(changes):
+    scene, corners, cut = soup(3000, seed=1)
+    cascades = cascades_of(scene, **changes)
+    load = sample_casters(scene, light_gradients(SUN)).load(cascades)
+    expected = thrown(cascades, corners, cut)
+    assert expected.min() > 0.05, "maps without casters show nothing"
+    # of the points' counts 4 standard deviations; boxes cut by a map's side know their part of it
+    # to a tenth of what lies along it: triangles of 0.7 m, windows of at least 9 m
+    wrong = 4.0 * np.sqrt(expected / 4000) + 0.02 * expected
+    assert (np.abs(load.layers - expected) < wrong).all()
+
+
+def test_triangles_over_maps_are_counted():
+    scene, corners, _ = soup(2000, seed=2, size=0.05)
+    cascades = cascades_of(scene)
+    load = sample_casters(scene, light_gradients(SUN)).load(cascades)
+    for i, count in enumerate(load.triangles):
+        uv = transform_points(cascades.uvz_from_world[i], corners)[..., :2]
+        touching = (uv.max(axis=1) > 0).all(axis=1) & (uv.min(axis=1) < 1).all(axis=1)
+        if np.array_equal(
+            np.asarray(cascades.light_from_world[i])[:2, :3], np.asarray(light_gradients(SUN))
+        ):
+            assert count == touching.sum()
+        # boxes along other axes than the map's are larger than the triangles: by 0.1 m of 9
+        assert touching.sum() <= count <= 1.05 * touching.sum() + 3
+
+
+def test_every_instance_is_a_caster_of_its_own():
+    mesh = shapes.mesh("box", shapes.box((-0.5, 0, -0.5), (0.5, 1, 0.5)))
+    places = np.tile(np.eye(4), (3, 1, 1))
+    places[:, 0, 3] = -6.0, 0.0, 6.0
+    places[2, :3, :3] *= 2.0
+    many = csm.Scene([mesh], [0, 0, 0], places)
+    one = csm.Scene([mesh])
+    axes = light_gradients(SUN)
+    area = [np.abs(sample_casters(scene, axes).area).sum() for scene in (one, many)]
+    assert area[1] == pytest.approx((1 + 1 + 4) * area[0], rel=1e-12)
+
+
+def test_few_triangles_stand_for_all():
+    """Of a forest, whose near windows hold a hundredth of it."""
+    scene = csm.scenes.forest()
+    camera = scene.cameras["path"].replace(size=SIZE)
+    sun = next(iter(scene.suns.values()))
+    settings = csm.ShadowSettings(fit="sphere", snap="none")
+    cascades = csm.fit_cascades(camera, sun, settings, scene=scene)
+    every = sample_casters(scene, light_gradients(sun))
+    few = every.thinned(cascades)
+    assert len(few.area) < 0.2 * len(every.area)
+    whole, part = every.load(cascades), few.load(cascades)
+    # 225 of a class for all but the largest: a standard deviation of 7 % were they thrown blindly
+    assert part.layers.sum(axis=(1, 2)) == pytest.approx(whole.layers.sum(axis=(1, 2)), rel=0.2)
+    assert part.triangles == pytest.approx(whole.triangles, rel=0.2)
+    assert few.weight.sum() == pytest.approx(every.weight.sum(), rel=1e-9)
+
+
+# -- maps of unequal sizes -------------------------------------------------------------------------
+
+
+@pytest.fixture(scope="module")
+def stairs(renderer):
+    scene = csm.scenes.stairs()
+    camera, sun = scene.cameras["side"].replace(size=(640, 360)), scene.suns["along"]
+    return scene, camera, sun, measure_signals(renderer, scene, [camera], [sun])
+
+
+@pytest.mark.parametrize("model", [CostModel(), GPU], ids=["llvmpipe", "gpu"])
+def test_no_other_sizes_make_maps_of_one_error_cheaper(stairs, model):
+    scene, _, _, signals = stairs
+    search = Search(signals, scene, NO_GOAL, 16384, model)
+    told, rng, seen = search.forecaster, np.random.default_rng(7), 0
+    for family in search.families:
+        if family.sizes.ndim == 1:
+            continue
+        sizes = family.sizes[-1]
+        if sizes.min() <= SIDE_LEAST:
+            continue
+        seen += 1
+        assert sizes.min() < (NEARLY_EQUAL + 0.05) * sizes.max()
+        area = told.displaced(family.arranged)
+        texel = model.texel_costs(family.arranged, told)
+        for _ in range(20):
+            other = sizes * rng.uniform(0.7, 1.4, len(sizes))
+            other *= (area / other).sum() / (area / sizes).sum()
+            # sizes are whole steps: half of one changes the optimum's cost in second order alone
+            slack = 1.0 + 6.0 * (SIDE_STEP / 2 / sizes.min()) ** 2
+            assert (texel * sizes**2).sum() <= slack * (texel * other**2).sum()
+    assert seen > 3
+
+
+def test_forecasts_of_unequal_sizes_are_those_of_their_settings(stairs):
+    scene, _, _, signals = stairs
+    search, model = Search(signals, scene, NO_GOAL, 16384), CostModel()
+    unequal = [one for one in search.candidates(model) if isinstance(one.map_size, tuple)]
+    assert len(unequal) > 20
+    for one in unequal[::7]:
+        told = search.forecast(one.settings, model)
+        assert (one.error, one.ms) == (pytest.approx(told.error), pytest.approx(told.ms))
+        assert one.texels == sum(side**2 for side in map_sizes(one.settings))
+        assert one.settings.storage == "atlas"
+        assert sum(map_sizes(one.settings)) <= 16384
+
+
+def test_unequal_maps_are_recommended_and_are_as_good_for_less(renderer, stairs):
+    scene, camera, sun, _ = stairs
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
+    sizes = found.settings.map_size
+    assert isinstance(sizes, tuple)
+    assert found.settings.storage == "atlas"
+    (reason,) = (one for one in found.reasons if one.effect == "storage")
+    assert reason.taken
+    assert reason.saves
+    assert reason.flipped.storage == "array"
+    truth = csm.truth(scene, camera, sun)
+    frames = [renderer.render(scene, camera, sun, one) for one in (found.settings, reason.flipped)]
+    assert np.array_equal(frames[0].mask, frames[1].mask)
+    assert csm.plans.map_bytes(found.settings) < csm.plans.map_bytes(reason.flipped)
+    full = csm.ShadowSettings(cascade_count=8, fit="visible", snap="none")
+    best = picture_error(renderer.render(scene, camera, sun, full), truth)
+    # the knee allows 0.02 % as forecast; the issue 0.05 % as measured
+    assert picture_error(frames[0], truth) <= best + 5e-4
+
+
+def test_sizes_in_motion_are_equal(renderer, stairs):
+    scene, camera, sun, _ = stairs
+    path = [camera, camera.translated(0.1 * camera.right)]
+    signals = measure_signals(renderer, scene, path, [sun])
+    assert signals.camera_moves
+    search = Search(signals, scene, NO_GOAL, 16384)
+    assert all(family.sizes.ndim == 1 for family in search.families)
+
+
+def test_splits_are_chosen_by_what_is_seen(renderer):
+    """Down a road at eye height slices in equal ratios of depth are what the picture asks for."""
+    scene = csm.scenes.long_road()
+    camera, sun = scene.cameras["bridge"].replace(size=(640, 360)), scene.suns["evening"]
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    search = Search(signals, scene, NO_GOAL, 16384)
+    schemes = {
+        (one.arranged.split, one.arranged.lam)
+        for one in search.families
+        if one.arranged.cascade_count == 4 and one.arranged.warp == "none"
+    }
+    assert schemes & {("logarithmic", 0.5), ("practical", 0.9), ("sdsm", 0.5)}
+    told = Forecaster(signals, scene)
+    plain = csm.ShadowSettings(cascade_count=4, fit="visible", snap="none")
+    later = plain.replace(lam=0.9)
+    assert told.aliasing(later) < 0.8 * told.aliasing(plain)
+    truth = csm.truth(scene, camera, csm.Sun(sun.to_light))
+    errors = [
+        picture_error(renderer.render(scene, camera, csm.Sun(sun.to_light), one), truth)
+        for one in (later, plain)
+    ]
+    assert errors[0] < 0.9 * errors[1]
+    assert forecast_cost(plain, told) > 0.0
