@@ -30,7 +30,7 @@ import csm
 from csm.arguments import parse_size
 from csm.forecasts import Forecaster
 from csm.signals import measure_signals
-from csm.timing import HOST, in_turns, total_ms, warm_up_s
+from csm.timing import HOST, all_in_turns, total_ms, warm_up_s
 from csm.verification import everything_on, picture_error
 
 MADE = (
@@ -84,11 +84,7 @@ def timed(renderer, scene, camera, sun, wanted, rounds):
         return {**frame.timings_ms, HOST: max(0.0, whole - sum(frame.timings_ms.values()))}
 
     warm_up = warm_up_s(renderer.info)
-    found = dict(in_turns(list(wanted), frame_times, repeats=rounds, warm_up=warm_up))
-    for one in found.values():
-        if isinstance(one, Exception):
-            raise one
-    return found
+    return all_in_turns(list(wanted), frame_times, repeats=rounds, warm_up=warm_up)
 
 
 def compared(renderer, scene, camera, sun, found, rounds):
