@@ -21,7 +21,7 @@ from .records import known_scene, plain_values, read_values
 from .renderer import Renderer
 from .scene import Scene
 from .search import Forecast, Search, cheapest, finest
-from .settings import ShadowSettings, map_sizes
+from .settings import ShadowSettings, maps_text
 from .signals import Signals, measure_signals
 from .spaces import as_number
 from .sun import Sun
@@ -303,16 +303,11 @@ class Recommendation(Recorded):
 
     def _headline(self):
         s = self.settings
-        sizes = map_sizes(s)
-        if len(set(sizes)) == 1:
-            maps = f"{s.cascade_count} x {sizes[0]}²"
-        else:
-            maps = " + ".join(f"{size}²" for size in sizes)
         fit = s.fit if s.warp == "none" else f"{s.fit}, warp {s.warp}"
         what = (
             "no shadow maps"
             if s.filter == "none"
-            else f"{maps} {s.depth_format.upper()}, {s.filter}, fit {fit}"
+            else f"{maps_text(s)} {s.depth_format.upper()}, {s.filter}, fit {fit}"
         )
         return (
             f"{what}: {100.0 * self.expected_error:.2g} % error and {self.expected_ms:.0f} ms "
