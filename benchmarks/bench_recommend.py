@@ -29,8 +29,9 @@ from cases import entries, load, note
 import csm
 from csm.arguments import parse_size
 from csm.forecasts import Forecaster
+from csm.settings import maps_text
 from csm.signals import measure_signals
-from csm.timing import HOST, in_turns, total_ms, warm_up_s
+from csm.timing import HOST, all_in_turns, total_ms, warm_up_s
 from csm.verification import everything_on, picture_error
 
 MADE = (
@@ -84,11 +85,7 @@ def timed(renderer, scene, camera, sun, wanted, rounds):
         return {**frame.timings_ms, HOST: max(0.0, whole - sum(frame.timings_ms.values()))}
 
     warm_up = warm_up_s(renderer.info)
-    found = dict(in_turns(list(wanted), frame_times, repeats=rounds, warm_up=warm_up))
-    for one in found.values():
-        if isinstance(one, Exception):
-            raise one
-    return found
+    return all_in_turns(list(wanted), frame_times, repeats=rounds, warm_up=warm_up)
 
 
 def compared(renderer, scene, camera, sun, found, rounds):
@@ -282,7 +279,7 @@ def at_equal_bytes(arguments):
                     scene, camera, sun, max_error=0.0, max_bytes=FOUR / share, renderer=renderer
                 )
                 line += measured(renderer, scene, camera, sun, found.settings, truth)
-                texts.append(f"{found.settings.cascade_count} x {found.settings.map_size}²")
+                texts.append(maps_text(found.settings))
             figures.append(line)
             print(f"| {name} {camera_name} {sun_name} | " + " | ".join(
                 f"{text}: {line[2 * k]:.3f} / {line[2 * k + 1]:.3f}" for k, text in enumerate(texts)

@@ -7,7 +7,7 @@ import numpy as np
 from cases import entries
 
 import csm
-from csm.timing import in_turns, quartiles, total_ms, warm_up_s
+from csm.timing import all_in_turns, quartiles, total_ms, warm_up_s
 
 SIZE = (480, 270)  # where errors are judged
 OUTPUTS = ("mask", "valid", "view_depth", "cascade_index")
@@ -159,11 +159,9 @@ class Bench:
             renderer, settings = jobs[name]
             return self.render(view, settings, outputs=("mask",), renderer=renderer).timings_ms
 
-        for name, samples in in_turns(
-            list(jobs), frame_times, repeats=rounds, warm_up=warm_up_s(self.renderer.info)
-        ):
-            if isinstance(samples, Exception):
-                raise samples
+        warm_up = warm_up_s(self.renderer.info)
+        timed = all_in_turns(list(jobs), frame_times, repeats=rounds, warm_up=warm_up)
+        for name, samples in timed.items():
             found[name] = {key: quartiles([one[key] for one in samples]) for key in samples[0]}
             found[name]["total"] = quartiles([total_ms(one) for one in samples])
         return found

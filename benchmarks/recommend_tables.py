@@ -16,6 +16,8 @@ from pathlib import Path
 import numpy as np
 from bench_recommend import case_names, read, scenes
 
+from csm.settings import ShadowSettings, maps_text
+
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "recommendation.md"
 RELATIVE, ABSOLUTE = 0.05, 5e-4  # how far from everything on
 SHOWN = 3  # refuted cases of an effect that are named
@@ -65,12 +67,13 @@ def what(line):
     s = line["settings"]
     if line["dark"]:
         return "no shadow maps"
-    words = [f"{s['cascade_count']} x {s['map_size']}² {s['depth_format']} {s['filter']}"]
+    maps = maps_text(ShadowSettings.from_dict(s))
+    words = [f"{maps} {s['depth_format']} {s['filter']}"]
     if s["filter"] == "pcss":
         words.append(f"{s['tap_count']} taps")
     words += ["turned"] if s["turned"] else []
     words += [s["warp"]] if s["warp"] != "none" else []
-    words += ["sdsm"] if s["split"] == "sdsm" else []
+    words += [s["split"]] if s["split"] != "practical" else []
     words += [s["caster_faces"]] if s["caster_faces"] != "both" else []
     return " ".join(words)
 

@@ -20,8 +20,10 @@ __all__ = [
     "add_backend_option",
     "check_folder",
     "find_camera",
+    "find_cameras",
     "find_scene",
     "find_sun",
+    "find_suns",
     "parse_file",
     "parse_folder",
     "parse_rays",
@@ -126,9 +128,55 @@ def find_camera(scene, text, size, said="--camera"):
     ValueError
         If there is no such camera or the description is wrong.
     """
-    if text is None or "=" not in text:
+    if not _is_described(text):
         name = _named("camera", said, text, scene.cameras, "eye=x,y,z,target=x,y,z")
         return name, scene.cameras[name].replace(size=size)
+    words = _camera_words(text, said)
+    return None, _described_camera(scene, words, _reach(scene, words), size)
+
+
+def find_cameras(scene, texts, size, said="--camera"):
+    """Return the cameras of a path, from as many texts.
+
+    Parameters
+    ----------
+    scene : Scene
+    texts : sequence of str
+        As for `find_camera`, but that cameras described without ``far`` share the farthest of
+        theirs: a far of its own for each would cut the shadow range anew on every step.
+        None at all: the scene's first camera.
+    size : (int, int)
+        Width and height in pixels.
+    said : str
+        What a refusal calls a text.
+
+    Returns
+    -------
+    cameras : tuple of Camera
+
+    Raises
+    ------
+    ValueError
+        If one is none.
+    """
+    described = [_camera_words(text, said) for text in texts if _is_described(text)]
+    far = max((_reach(scene, words) for words in described if "far" not in words), default=None)
+    words = iter(described)
+    return tuple(
+        _described_camera(scene, next(words), far, size)
+        if _is_described(text)
+        else find_camera(scene, text, size, said)[1]
+        for text in texts or (None,)
+    )
+
+
+def _is_described(text):
+    """Whether a text describes a camera, and does not name one."""
+    return text is not None and "=" in text
+
+
+def _camera_words(text, said):
+    """Return the numbers that describe a camera, by their words."""
     words = {}
     for part in re.split(r",(?=\s*[A-Za-z_]+\s*=)", text):
         word, _, value = part.partition("=")
@@ -143,16 +191,28 @@ def find_camera(scene, text, size, said="--camera"):
     for word in ("eye", "target"):
         if word not in words:
             raise ValueError(f"{said} needs {word}=x,y,z (got {text!r})")
+    return words
+
+
+def _reach(scene, words):
+    """Return the far with which a described camera sees to the end of the scene [m]."""
+    farthest = np.abs(scene.bounds - scene.georeference - words["eye"]).max(axis=0)
+    return 1.01 * float(np.linalg.norm(farthest))
+
+
+def _described_camera(scene, words, far, size):
+    """Return the camera that words describe, with that far if they give none."""
     # Looked at locally and moved: a direction between points at 1e6 m would lose digits.
-    eye, target = words["eye"], words["target"]
-    farthest = np.abs(scene.bounds - scene.georeference - eye).max(axis=0)
-    options = {
-        "fov_y_deg": words.get("fov", [60.0])[0],
-        "near": words.get("near", [0.1])[0],
-        "far": words.get("far", [1.01 * float(np.linalg.norm(farthest))])[0],
-    }
-    camera = Camera.look_at(eye, target, words.get("up", (0.0, 1.0, 0.0)), size=size, **options)
-    return None, camera.translated(scene.georeference)
+    camera = Camera.look_at(
+        words["eye"],
+        words["target"],
+        words.get("up", (0.0, 1.0, 0.0)),
+        fov_y_deg=words.get("fov", [60.0])[0],
+        near=words.get("near", [0.1])[0],
+        far=words.get("far", [far])[0],
+        size=size,
+    )
+    return camera.translated(scene.georeference)
 
 
 def find_sun(scene, text, diameter=None, said="--sun"):
@@ -187,6 +247,31 @@ def find_sun(scene, text, diameter=None, said="--sun"):
         numbers = _numbers(said, text, 2, 3)
         sun = Sun(numbers) if len(numbers) == 3 else Sun.from_compass(*numbers)
     return name, sun if diameter is None else Sun(sun.to_light, diameter)
+
+
+def find_suns(scene, texts, diameter=None, said="--sun"):
+    """Return the suns of a path, from as many texts.
+
+    Parameters
+    ----------
+    scene : Scene
+    texts : sequence of str
+        As for `find_sun`. None at all: the scene's first sun.
+    diameter : float, optional
+        Of every disc [degrees]; by default a named sun's own, or 0.
+    said : str
+        What a refusal calls a text.
+
+    Returns
+    -------
+    suns : tuple of Sun
+
+    Raises
+    ------
+    ValueError
+        If one is none.
+    """
+    return tuple(find_sun(scene, text, diameter, said)[1] for text in texts or (None,))
 
 
 def parse_size(text):

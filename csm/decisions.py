@@ -261,6 +261,11 @@ def _percent(share):
     return f"{100.0 * share:.3g} %"
 
 
+def _less(gain):
+    """Share less, or, of a gain below nothing, more."""
+    return f"{_percent(abs(gain))} {'less' if gain >= 0.0 else 'more'}"
+
+
 # -- the table ------------------------------------------------------------------------------------
 
 TABLE = (
@@ -317,9 +322,7 @@ TABLE = (
         source="measured: docs/numerics.md 22",
         cost="a pass over the picture before the maps",
         taken=lambda at: at.settings.fit == "visible",
-        measured=lambda at: (
-            f"{_percent(at.gain(fit='sphere', turned=False))} less error than spheres"
-        ),
+        measured=lambda at: f"{_less(at.gain(fit='sphere', turned=False))} error than spheres",
         flipped=lambda at: (
             {"fit": "sphere", "turned": False}
             if at.settings.fit == "visible"

@@ -1,5 +1,6 @@
 """What a row of the table of engines is made of, and what several engines ask of our settings."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 
@@ -157,11 +158,17 @@ def cascade_count(at):
 
 def map_size(at, scale=1):
     """Side of a texture that holds ``scale`` maps along it."""
-    if at.size == at.our_size and not at.sizes_differ:
+    differ = len(set(at.our_sizes)) > 1
+    if at.size == at.our_size and not differ:
         return scale * at.size
     text = f"{at.our_size} become {at.size} texels, {at.size / at.our_size:.3g} times"
-    if at.sizes_differ:
-        text += "; one size for all cascades"
+    if differ:
+        ours, in_all = ", ".join(map(str, at.our_sizes)), sum(size**2 for size in at.our_sizes)
+        text = (
+            f"{ours} become {at.size} texels, one size for all cascades: "
+            f"{at.count * at.size**2 / in_all:.3g} times as many in all, where "
+            f"{round(math.sqrt(in_all / at.count))} each would be as many"
+        )
     return Near(scale * at.size, text, "map_size")
 
 

@@ -27,10 +27,10 @@ class Situation:
         View depths [m] of the engine's cascades; the first begins at the camera's near.
     near, begin, far : float
         The camera's near, where our first cascade begins, and the end of the range [m].
+    our_sizes : tuple of int
+        Texels along each of our maps.
     our_size, size : int
-        Texels along our largest map, and along a cascade's there.
-    sizes_differ : bool
-        Whether our maps differ.
+        Texels along the largest of them, and along a cascade's there.
     our_texels : tuple of float
         Longer side of a texel of each of our cascades [m], if known.
     """
@@ -42,8 +42,8 @@ class Situation:
         self.count = min(engine.counts, key=lambda n: (n < self.ours, abs(n - self.ours)))
         if self.ours > max(engine.counts):
             self.count = max(engine.counts)
-        sizes = map_sizes(settings)
-        self.our_size, self.sizes_differ = max(sizes), len(set(sizes)) > 1
+        self.our_sizes = map_sizes(settings)
+        self.our_size = max(self.our_sizes)
         self.size = engine.map_size(self.our_size, self.count)
         self.near, self.begin, self.far = camera.near, float(splits[0]), float(splits[-1])
         made = resampled(splits, self.count)

@@ -26,6 +26,7 @@ ENGINES = {
     "filament": FILAMENT,
 }
 SEEN = ("sdsm", "histogram")  # splits that are fitted to what is seen
+ROUND = ("sphere", "shifted")  # fits for which splits of equal resolution are cut by spheres
 # What means nothing with a single cascade.
 OF_SEVERAL = ("select", *SPLITS, *BLEND)
 WITH_TAPS = ("poisson", "pcss")  # filters that draw taps in a disc
@@ -211,9 +212,12 @@ def _splits(settings, camera, sun, scene, splits):
                 f"split={settings.split!r} is fitted to what is seen: give splits=, for example "
                 "those of a frame, frame.cascades.splits"
             )
-        # splits depend on no size and no filter, for which small maps may have no room
-        changes = {"map_size": ShadowSettings().map_size, "filter": "hard"}
-        plain = settings.replace(fit="sphere", turned=False, warp="none", **changes)
+        # windows to which splits are the same, but that nothing needs to be seen for
+        if settings.split == "resolution":  # asks for sizes and for borders
+            changes = {"fit": settings.fit if settings.fit in ROUND else "diameter"}
+        else:  # for which small maps may have no room
+            changes = {"fit": "sphere", "map_size": ShadowSettings().map_size, "filter": "hard"}
+        plain = settings.replace(turned=False, warp="none", **changes)
         return fit_cascades(camera, sun, plain, scene=scene).splits
     splits = np.asarray(splits, np.float64)
     wanted = settings.cascade_count + 1

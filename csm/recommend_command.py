@@ -4,9 +4,9 @@ import os
 
 from .arguments import (
     add_backend_option,
-    find_camera,
+    find_cameras,
     find_scene,
-    find_sun,
+    find_suns,
     parse_file,
     parse_size,
 )
@@ -30,6 +30,9 @@ effect left out with the measurement that says it would not matter. docs/recomme
 table.
 
 SCENE is a file or the name of a made scene, as for csm render.
+
+Several cameras, several suns, or as many of both are a path, in the order given: what stabilises is
+then looked at, too.
 """
 
 RECOMMEND_EXAMPLES = """\
@@ -37,6 +40,8 @@ examples:
   csm recommend town
   csm recommend town.glb --camera street --sun 238,33 --max-error 0.002
   csm recommend forest --budget-ms 150 --verify
+  csm recommend town --sun 90,20 --sun 135,45 --sun 180,55    # the sun moves
+  csm recommend town --camera eye=0,2,40,target=0,2,0 --camera eye=0.1,2,40,target=0,2,0 --verify
   csm recommend stairs --json > stairs.json
   csm recommend town --out town.toml      # and then: csm render town --settings town.toml --out …
   csm recommend town --export godot --export unity=Shadows.cs
@@ -49,13 +54,20 @@ def add_recommend_options(command):
     """Add the options of `csm recommend` to its parser."""
     add = command.add_argument
     add("scene", metavar="SCENE", help="a file, or the name of a made scene")
-    add("--camera", metavar="CAMERA", help="as for csm render; default: the scene's first")
-    add("--sun", metavar="SUN", help="as for csm render; default: the scene's first")
+    for view in ("camera", "sun"):
+        add(
+            f"--{view}",
+            metavar=view.upper(),
+            dest=f"{view}s",
+            action="append",
+            default=[],
+            help="as for csm render; default: the scene's first; may be repeated: a path",
+        )
     add(
         "--sun-diameter",
         metavar="DEG",
         type=float,
-        help="width of the sun's disc (default: the named sun's own, or 0)",
+        help="width of the sun's disc, of all of a path (default: the named sun's own, or 0)",
     )
     add("--size", metavar="WxH", default="1280x720", help="pixels (default 1280x720)")
     add("--ground", metavar="Y", type=float, help="put a ground under the scene at this height")
@@ -80,8 +92,9 @@ def add_recommend_options(command):
         dest="exports",
         action="append",
         default=[],
-        help="nearest settings of an engine, and what has no counterpart there, printed, or a "
-        f"snippet to paste written to the file; {', '.join(ENGINES)}; may be repeated",
+        help="nearest settings of an engine (of a path, for its first camera and sun) and what has "
+        "no counterpart there, printed, or a snippet to paste written to the file; "
+        f"{', '.join(ENGINES)}; may be repeated",
     )
     add_backend_option(add)
     add("--quiet", action="store_true", help="no progress on stderr")
@@ -96,15 +109,15 @@ def run_recommend(options):
     progress = Progress(quiet=options.quiet)
     with progress.stage(f"loading {options.scene}"):
         scene = find_scene(options.scene, options.ground)
-    _, camera = find_camera(scene, options.camera, size)
-    _, sun = find_sun(scene, options.sun, options.sun_diameter)
+    cameras = find_cameras(scene, options.cameras, size)
+    suns = find_suns(scene, options.suns, options.sun_diameter)
     proof = None
     with Renderer(backend=options.backend) as renderer:
         with progress.stage("looking at the scene"):
             found = recommend(
                 scene,
-                camera,
-                sun,
+                cameras,
+                suns,
                 max_error=options.max_error,
                 budget_ms=options.budget_ms,
                 max_bytes=options.max_bytes,

@@ -21,7 +21,7 @@ from .records import known_scene, plain_values, read_values
 from .renderer import Renderer
 from .scene import Scene
 from .search import Forecast, Search, cheapest, finest
-from .settings import ShadowSettings, map_sizes
+from .settings import ShadowSettings, maps_text
 from .signals import Signals, measure_signals
 from .spaces import as_number
 from .sun import Sun
@@ -85,9 +85,10 @@ class Recommendation(Recorded):
     obstacle : str or None
         Which effect stands in the way if not.
     splits : tuple of float
-        View depths [m] between which the first view's cascades lie, fitted to what was seen.
+        View depths [m] between which the first view's cascades lie, fitted to what was seen; empty
+        without shadow maps.
     texels : tuple of float
-        Longer side of a texel of each of them [m].
+        Longer side of a texel of each of them [m]; empty likewise.
     scene : Scene or None
         None when it was read from a file: `with_scene` gives it back.
     path : (tuple of Camera, tuple of Sun)
@@ -307,12 +308,11 @@ class Recommendation(Recorded):
 
     def _headline(self):
         s = self.settings
-        size = max(map_sizes(s))
         fit = s.fit if s.warp == "none" else f"{s.fit}, warp {s.warp}"
         what = (
             "no shadow maps"
             if s.filter == "none"
-            else f"{s.cascade_count} x {size}² {s.depth_format.upper()}, {s.filter}, fit {fit}"
+            else f"{maps_text(s)} {s.depth_format.upper()}, {s.filter}, fit {fit}"
         )
         return (
             f"{what}: {100.0 * self.expected_error:.2g} % error and {self.expected_ms:.0f} ms "
@@ -441,9 +441,13 @@ def _report(search, chosen, model, scene, path, goal):
     dark = chosen.settings.filter == "none"
     rows = [row for row in TABLE if not dark or row.effect == "shadows"]
     obstacle = obstacle_of(search, chosen, model, goal)
-    view = search.signals.views[0]
-    seen = np.concatenate([view.receivers, view.outline])
-    fitted = fit_cascades(view.camera, view.sun, chosen.settings, scene=scene, receivers=seen)
+    splits = texels = ()
+    if not dark:  # without maps there is nothing to fit, and no split that a camera may not allow
+        view = search.signals.views[0]
+        seen = np.concatenate([view.receivers, view.outline])
+        fitted = fit_cascades(view.camera, view.sun, chosen.settings, scene=scene, receivers=seen)
+        splits = tuple(fitted.splits.tolist())
+        texels = tuple(fitted.texel_size.max(axis=1).tolist())
     return Recommendation(
         settings=chosen.settings,
         reasons=Reasons(row.reason(at) for row in rows),
@@ -454,8 +458,8 @@ def _report(search, chosen, model, scene, path, goal):
         goal=goal,
         met=obstacle is None,
         obstacle=obstacle,
-        splits=tuple(fitted.splits.tolist()),
-        texels=tuple(fitted.texel_size.max(axis=1).tolist()),
+        splits=splits,
+        texels=texels,
         scene=scene,
         path=path,
         _search=search,

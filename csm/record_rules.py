@@ -60,7 +60,15 @@ def check_agreement(found):
 
 
 def _check_windows(settings, splits, texels):
-    """One slice and one texel a cascade."""
+    """One slice and one texel a cascade; none without maps."""
+    if settings.filter == "none":
+        for name, given in (("splits", splits), ("texels", texels)):
+            if len(given):
+                raise ValueError(
+                    f"{name} must be empty, as settings.filter is 'none': there are no maps "
+                    f"(got {list(given)})"
+                )
+        return
     count = settings.cascade_count
     ascending = all(math.isfinite(one) for one in splits) and all(
         near < far for near, far in itertools.pairwise(splits)

@@ -500,6 +500,14 @@ def map_sizes(settings):
     return (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
 
 
+def maps_text(settings):
+    """Maps in a few words: "4 x 2048²", or "2880² + 1152² + 512²" where sizes differ."""
+    sizes = map_sizes(settings)
+    if len(set(sizes)) == 1:
+        return f"{len(sizes)} x {sizes[0]}²"
+    return " + ".join(f"{size}²" for size in sizes)
+
+
 def _map_size(value, cascade_count):
     if isinstance(value, str | bytes) or not np.iterable(value):
         return _whole("map_size", value)

@@ -20,6 +20,7 @@ __all__ = [
     "LEAST",
     "MOST",
     "SPREAD",
+    "all_in_turns",
     "by_pass",
     "in_turns",
     "is_settled",
@@ -159,3 +160,29 @@ def in_turns(jobs, frame_times, *, repeats=None, stopped=lambda: False, warm_up=
             if done:
                 del samples[number]
                 yield jobs[number], taken
+
+
+def all_in_turns(jobs, frame_times, **options):
+    """Times of jobs of which none may fail.
+
+    Parameters
+    ----------
+    jobs, frame_times, **options
+        As for `in_turns`.
+
+    Returns
+    -------
+    found : dict of job to list of dict of str to float
+        Times by pass [ms] of the frames that count.
+
+    Raises
+    ------
+    Exception
+        What the first job that fails failed with, at once.
+    """
+    found = {}
+    for job, samples in in_turns(jobs, frame_times, **options):
+        if isinstance(samples, Exception):
+            raise samples
+        found[job] = samples
+    return found

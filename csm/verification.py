@@ -9,7 +9,7 @@ from .metrics import compare
 from .motion import flicker
 from .sampling import NO_CASCADE
 from .settings import ShadowSettings
-from .timing import in_turns, total_ms, warm_up_s
+from .timing import all_in_turns, total_ms, warm_up_s
 from .tracing import truth
 
 __all__ = ["Row", "Verification", "everything_on", "table_text", "verify"]
@@ -303,9 +303,8 @@ class _Judge:
             return frame.timings_ms
 
         warm_up = warm_up_s(self._renderer.info)
-        for key, samples in in_turns(list(wanted), frame_times, repeats=repeats, warm_up=warm_up):
-            if isinstance(samples, Exception):
-                raise samples
+        found = all_in_turns(list(wanted), frame_times, repeats=repeats, warm_up=warm_up)
+        for key, samples in found.items():
             times = [total_ms(passes) for passes in samples]
             known[key] |= {
                 "ms": float(np.median(times)),

@@ -122,9 +122,8 @@ little = {
     "path": csm.recommend(box, path, csm.Sun((1, 1, 0)), renderer=renderer),
 }
 for name, one in little.items():
-    s = one.settings
-    maps = f"{s.cascade_count} x {s.map_size}  snap {s.snap}" if s.filter != "none" else "no map"
-    print(f"{name:13} {s.filter:5} {maps}")
+    maps = str(one).partition(":")[0]
+    print(f"{name:13} {maps}" + (f", snap {one.settings.snap}" if one.map_bytes else ""))
 
 # %%
 _, ax = plt.subplots(figsize=(6, 2.6), layout="constrained")

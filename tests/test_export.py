@@ -331,8 +331,77 @@ def test_unity_has_no_larger_texture():
     assert values(found)["mainLightShadowmapResolution"] == 4096
     assert "4096 become 2048 texels, 0.5 times" in found.rounded["map_size"]
     assert values(exported("unity", map_size=64))["mainLightShadowmapResolution"] == 256
-    several = exported("unreal", cascade_count=2, map_size=(512, 256))
-    assert "one size for all" in several.rounded["map_size"]
+
+
+UNEQUAL = {"cascade_count": 3, "map_size": (2880, 1152, 512), "storage": "atlas"}
+
+
+@engines
+def test_of_unequal_maps_the_largest_counts_and_the_price_is_told(engine):
+    name, across, _ = SIZES[engine]
+    found, equal = exported(engine, **UNEQUAL), exported(engine, cascade_count=3, map_size=2880)
+    assert values(found)[name] == values(equal)[name]
+    side, count = values(found)[name] / across(3), 4 if engine == "godot" else 3
+    told = found.rounded["map_size"]
+    assert f"2880, 1152, 512 become {side:.0f} texels, one size for all cascades" in told
+    in_all = 2880**2 + 1152**2 + 512**2
+    assert f"{count * side**2 / in_all:.3g} times as many in all" in told
+    as_many = int(re.search(r"where (\d+) each would be as many", told)[1])
+    assert count * as_many**2 == pytest.approx(in_all, rel=1e-3)
+    assert f"rounded: map_size: {told}" in found.text
+
+
+@engines
+@pytest.mark.parametrize(
+    ("scheme", "lam"), [("logarithmic", 1.0), ("practical", 0.9), ("practical", 0.1)]
+)
+def test_splits_near_the_camera_go_over(engine, scheme, lam):
+    """As distances, shares, a scheme's name or its number; the one that cannot says how far off."""
+    found = exported(engine, split=scheme, lam=lam, view_range="camera", **UNEQUAL)
+    v, count = values(found), 4 if engine == "godot" else 3
+    near, far = CAMERA.near, CAMERA.far
+    at = np.arange(1, count) / count
+    uniform, logarithmic = near + (far - near) * at, near * (far / near) ** at
+    ours = lam * logarithmic + (1.0 - lam) * uniform
+    if engine == "threejs":
+        assert v["CSM.mode"] == ("logarithmic" if lam == 1.0 else "custom")
+        there = ours if lam == 1.0 else far * np.array(v["CSM.customSplitsCallback"][:-1])
+    elif engine == "babylon":
+        there = (1.0 - v["CascadedShadowGenerator.lambda"]) * uniform
+        there += v["CascadedShadowGenerator.lambda"] * logarithmic
+    elif engine == "godot":  # four splits of our three, along the curve between them
+        knots = np.log([near, *(lam * near * (far / near) ** (np.arange(1, 3) / 3) + (1.0 - lam)
+                                * (near + (far - near) * np.arange(1, 3) / 3)), far])  # fmt: skip
+        ours = np.exp(np.interp(at, np.arange(4) / 3, knots))
+        there = [v[f"directional_shadow_split_{n}"] for n in (1, 2, 3)]
+        there = near + (far - near) * np.array(there)
+    elif engine == "unity":
+        there = far * np.array(v["cascade3Split"])
+    elif engine == "unreal":
+        lengths = v["CascadeDistributionExponent"] ** np.arange(count)
+        there = near + (far - near) * np.cumsum(lengths)[:-1] / lengths.sum()
+    else:
+        there = near + (far - near) * np.array(v["ShadowOptions::cascadeSplitPositions"])
+    off = np.abs(there - ours).max()
+    if engine == "unreal" and lam < 1.0:
+        assert off > 1e-3
+        worst = int(np.argmax(np.abs(there - ours)))
+        assert f"split {worst + 1} lies at {there[worst]:.4g} m" in found.rounded["split"]
+    else:
+        assert off < 1e-6 * far
+        assert "lies at" not in found.rounded.get("split", "")
+
+
+@pytest.mark.parametrize("fit", ["sphere", "shifted", "box", "visible"])
+def test_splits_of_equal_resolution_are_those_of_our_own_maps(fit):
+    """Of unequal sizes, with the borders that our filter takes, in our windows."""
+    settings = csm.ShadowSettings(
+        split="resolution", fit=fit, filter="pcf", filter_size=33, view_range="camera", **UNEQUAL
+    )
+    seen = {"receivers": np.array([[0.0, 0.0, 0.0], [1.0, 0.5, 1.0]])} if fit == "visible" else {}
+    ours = csm.fit_cascades(CAMERA, SUN, settings, **seen).splits
+    found = csm.export_settings(settings, "unity", camera=CAMERA, sun=SUN)
+    assert values(found)["cascade3Split"] == pytest.approx(list(ours[1:-1] / ours[-1]), rel=1e-9)
 
 
 # -- biases: planes by brute force -----------------------------------------------------------------

@@ -67,6 +67,45 @@ def test_view_that_no_sun_reaches_takes_no_shadow_pass(renderer):
     assert found.map_bytes == 0
 
 
+def test_without_maps_nothing_is_fitted(renderer):
+    """Not even where no maps could be: behind a camera, or too fine for so far from the origin."""
+    flat = [[-1.0, 0.0, -1.0], [1.0, 0.0, -1.0], [0.0, 0.0, 1.0]]
+    scene = csm.Scene.from_arrays(flat, [[0, 2, 1]])
+    behind = csm.Camera.orthographic((0, 5, 0), (0, 0, 0.1), height=4, near=-2, far=20, size=SIZE)
+    far_out = np.array([4e5, 0.0, -7e5])
+    point = csm.Scene.from_arrays(np.zeros((3, 3)) + far_out, [[0, 1, 2]])
+    fine = csm.Camera.look_at((1e-6, 0, 0), (0, 0, 0), near=1e-10, far=1e-7, size=SIZE)
+    below = [csm.Sun((0.1, -1.0, 0.1)), csm.Sun((0.2, -1.0, 0.1))]
+    for where, camera in ((scene, behind), (point, fine.translated(far_out))):
+        found = csm.recommend(where, camera, below, renderer=renderer)
+        assert found.settings.filter == "none"
+        assert (found.splits, found.texels) == ((), ())
+        assert csm.Recommendation.from_json(found.to_json()) == found
+        assert found.export("unity").settings["Light.shadows"].value == "LightShadows.None"
+        assert str(found).startswith("no shadow maps")
+
+
+@pytest.mark.parametrize("to_light", [(0, 1, 0), (0, 0, 1), (1, 0, 0), (0, -1, 0), (0.3, 1, 0.2)])
+@pytest.mark.parametrize(
+    "corners",
+    [
+        [[-1, -1, 0], [1, -1, 0], [0, 1, 0]],
+        [[-1e-5, -1e-5, 0], [1e-5, -1e-5, 0], [0, 1e-5, 0]],
+        [[-1e6, -1, 1e6], [1e6, -1, 1e6], [0, -1, -1e6]],
+        [[0, 0, 0], [1, 0, 0], [2, 0, 0]],
+        [[0, 0, 0]] * 3,
+        [[-1, 0, 0], [1, 1e-7, 0], [1, -1e-7, 0]],
+    ],
+    ids=["plain", "tiny", "huge", "line", "point", "sliver"],
+)
+def test_a_single_triangle_calls_for_little(renderer, corners, to_light):
+    """Its own shadow falls on nothing: no maps, or, turned to the sun, one of the smallest."""
+    scene = csm.Scene.from_arrays(corners, [[0, 1, 2]])
+    camera = csm.Camera.look_at((0, 0, 3), (0, 0, 0), far=50.0, size=SIZE)
+    settings = csm.recommend(scene, camera, csm.Sun(to_light), renderer=renderer).settings
+    assert settings.filter == "none" or (settings.cascade_count, settings.map_size) == (1, 256)
+
+
 def test_closed_interior_takes_one_small_map(renderer):
     camera = csm.Camera.look_at((0, 1.7, 3), (0, 1, -4), far=30, size=SIZE)
     found = csm.recommend(inside_out_room(), camera, csm.Sun((0.3, 1, 0.2)), renderer=renderer)
@@ -474,6 +513,16 @@ def test_recommendation_is_near_everything_on(renderer, make, camera, sun):
     )
     assert ours <= max(1.05 * full, full + 5e-4)
     assert map_bytes(found.settings) < 0.5 * map_bytes(everything_on(sun))
+
+
+def test_the_headline_has_every_size(renderer, box):
+    found = csm.recommend(box, view(), csm.Sun((1, 1, 0)), renderer=renderer)
+    settings = csm.ShadowSettings(cascade_count=3, map_size=(2880, 1152, 512), storage="atlas")
+    for changed, said in (
+        (settings, "2880² + 1152² + 512² D32F, hard"),
+        (settings.replace(map_size=512), "3 x 512² D32F, hard"),
+    ):
+        assert str(dataclasses.replace(found, settings=changed)).startswith(said)
 
 
 # -- the command -----------------------------------------------------------------------------------

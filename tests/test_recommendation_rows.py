@@ -1,6 +1,7 @@
 """Single rows of csm.recommend: sides of casters, taps, flicker, what is off, one map or four."""
 
 import dataclasses
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,7 +20,7 @@ from csm.caster_sides import (
     measure_sides,
 )
 from csm.coarse_look import outline_of
-from csm.decisions import TAPS
+from csm.decisions import TABLE, TAPS
 from csm.forecasts import CostModel, Forecaster, forecast_cost
 from csm.recommendation import Reasons, obstacle_of
 from csm.search import Search
@@ -500,3 +501,12 @@ def test_stills_at_equal_memory_are_as_exact_as_asked(renderer, count, size):
     assert mean[0] <= 0.003
     assert mean[1] <= 0.006
     assert mean[0] < mean[1]
+
+
+@pytest.mark.parametrize(
+    ("gain", "said"),
+    [(0.03, "3 % less error than spheres"), (-0.25, "25 % more error than spheres")],
+)
+def test_windows_that_are_worse_than_spheres_say_so(gain, said):
+    row = next(row for row in TABLE if row.effect == "fit")
+    assert row.measured(SimpleNamespace(gain=lambda **changes: gain)) == said

@@ -132,6 +132,23 @@ def test_a_job_that_fails_leaves_the_others_alone():
     assert found == {"a": [{"view": 1.0}] * 2, "b": [{"view": 1.0}] * 2}
 
 
+def test_where_none_may_fail_the_first_failure_is_raised_at_once():
+    drawn = []
+
+    def frame_times(job):
+        drawn.append(job)
+        if job == "bad":
+            raise ValueError("no")
+        return {"view": 1.0}
+
+    found = timing.all_in_turns(["a", "b"], frame_times, repeats=2)
+    assert found == {"a": [{"view": 1.0}] * 2, "b": [{"view": 1.0}] * 2}
+    drawn.clear()
+    with pytest.raises(ValueError, match="no"):
+        timing.all_in_turns(["bad", "a"], frame_times, repeats=2)
+    assert drawn == ["bad"], "nothing is timed for a result that nobody gets"
+
+
 def test_it_stops_between_two_frames():
     drawn = []
 
