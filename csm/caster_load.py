@@ -27,12 +27,16 @@ class Load:
     layers : (n, 2, 2) float64
         Of each cascade how often its map is covered, on average: by sides that face the sun and by
         those that do not, each without and with a cut-out.
-    triangles : (n,) float64
-        Over each map.
+    lines : (n, 2, 2) float64
+        How often their outlines lead along a side of the map, likewise.
+    triangles, needed : (n,) float64
+        Over each map, and of those which do not lie within an earlier one.
     """
 
     layers: np.ndarray
+    lines: np.ndarray
     triangles: np.ndarray
+    needed: np.ndarray
 
 
 @dataclass(frozen=True, eq=False)
@@ -85,7 +89,7 @@ class Casters:
         -------
         casters : Casters
         """
-        sides = self._overlap(cascades.uvz_from_world)[0] > 0.0
+        sides = self._boxes(cascades)[1] > 0.0
         kind = np.where(sides.any(axis=0), sides.argmax(axis=0), len(sides))
         kept, weight = [], []
         for one in range(len(sides) + 1):
@@ -118,24 +122,54 @@ class Casters:
         -------
         load : Load
         """
-        inside, scale = self._overlap(cascades.uvz_from_world)
-        covered = inside * (np.abs(self.area) * self.weight)
+        sides, inside, scale, within = self._boxes(cascades)
         kinds = 2 * (self.area < 0.0) + self.cut
-        layers = np.stack([(covered * (kinds == k)).sum(axis=1) for k in range(4)], axis=1)
-        return Load((layers * scale[:, None]).reshape(-1, 2, 2), (inside > 0.0) @ self.weight)
+        of_kind = np.stack([self.weight * (kinds == k) for k in range(4)], axis=1)
+        layers = (inside * np.abs(self.area)) @ of_kind * scale[:, None]
+        # a triangle that is cut off keeps no more outline than goes round what is left of its box
+        lines = np.where(inside > 0.0, 2.0 * np.hypot(*sides), 0.0) @ of_kind
+        earlier = np.cumsum(within, axis=0) - within > 0
+        return Load(
+            layers.reshape(-1, 2, 2),
+            lines.reshape(-1, 2, 2),
+            (inside > 0.0) @ self.weight,
+            ((inside > 0.0) & ~earlier) @ self.weight,
+        )
 
-    def _overlap(self, uvz_from_world):
-        """Share of each box within each map (n, t), and how many maps are a square metre (n,)."""
-        uvz = np.asarray(uvz_from_world)
+    def _boxes(self, cascades):
+        """The boxes on maps.
+
+        Parameters
+        ----------
+        cascades : Cascades
+
+        Returns
+        -------
+        sides : (2, n, t) float64
+            Of what lies within the map, as parts of it.
+        inside : (n, t) float64
+            Share of the box that does.
+        scale : (n,) float64
+            Maps that make a square metre.
+        within : (n, t) bool
+            Whether all of it does.
+        """
+        uvz = np.asarray(cascades.uvz_from_world)
         turn = uvz[:, :2, :3] @ self.axes.T
-        at = self.centre @ turn.transpose(0, 2, 1) + uvz[:, None, :2, 3]
-        half = self.half @ np.abs(turn).transpose(0, 2, 1)
-        low, high = np.maximum(at - half, 0.0), np.minimum(at + half, 1.0)
-        # triangles that are seen edge on have boxes without a width
-        share = np.maximum(high - low, 0.0) / np.maximum(2.0 * half, 1e-30)
-        touched = (high >= low).all(axis=2)
-        thin = np.where(2.0 * half > 0.0, share, 1.0)
-        return thin.prod(axis=2) * touched, np.abs(np.linalg.det(turn))
+        sides, inside, within = [], 1.0, True
+        for k in (0, 1):
+            at = turn[:, k] @ self.centre.T + uvz[:, k, 3:]
+            half = np.abs(turn[:, k]) @ self.half.T
+            low, high = np.maximum(at - half, 0.0), np.minimum(at + half, 1.0)
+            side, whole = high - low, 2.0 * half
+            # of what is seen edge on, boxes have no width; by rounding a side may exceed the whole
+            part = np.divide(
+                np.minimum(side, whole), whole, out=np.ones_like(side), where=whole > 0.0
+            )
+            inside = inside * np.where(side < 0.0, 0.0, part)
+            within = within & (side >= whole * (1.0 - 1e-12))
+            sides.append(np.maximum(side, 0.0))
+        return np.stack(sides), inside, np.abs(np.linalg.det(turn)), within
 
 
 def sample_casters(scene, axes):

@@ -96,7 +96,7 @@ class Forecaster:
             known = self._taken(number, settings)
             if len(view.edges):
                 moved = known.moved / _size_at(settings, map_size, known.edge_cascade)
-                area += np.minimum(moved, FARTHEST) @ view.edge_lengths
+                area += (view.edge_lengths * np.minimum(moved, FARTHEST)).sum(axis=-1)
         factor = EDGE_FACTOR + THIN_FACTOR * self.signals.thin_share
         return factor * area / pixels if pixels else 0.0
 
@@ -188,7 +188,7 @@ class Forecaster:
                 known, wide = self._taken(number, settings), self._penumbrae()[number]
                 part = _column(kernel) / _size_at(settings, map_size, known.edge_cascade)
                 missing = np.maximum(wide - part * known.reach, 0.0)
-                area += missing @ view.edge_lengths
+                area += (view.edge_lengths * missing).sum(axis=-1)
         pixels = self._facing()
         return DISC * area / pixels if pixels else 0.0
 
@@ -359,7 +359,9 @@ def _size_at(settings, map_size, cascade):
     """Texels along the map of each point: a number, (e,), (k, 1) or (k, e)."""
     if map_size is not None:
         return (
-            np.asarray(map_size, float)[:, cascade] if np.ndim(map_size) == 2 else _column(map_size)
+            np.take(np.asarray(map_size, float), cascade, axis=1)
+            if np.ndim(map_size) == 2
+            else _column(map_size)
         )
     sizes = map_sizes(settings)
     return float(sizes[0]) if len(set(sizes)) == 1 else np.asarray(sizes, float)[cascade]
@@ -382,8 +384,9 @@ class CostModel:
     mask_pixel, mask_cascade, mask_tap : float
         The mask's, of a million pixels; of a million that face the sun and each cascade; and of a
         million and each tap of percentage-closer soft shadows [ms].
-    map_texel, map_layer : float
-        Of a million texels of the maps, and of a million that a side of a caster covers [ms].
+    map_texel, map_layer, map_line : float
+        Of a million texels of the maps, of a million that a side of a caster covers, and of a
+        million along outlines of casters [ms].
     map_triangle, map_pass : float
         Of a thousand triangles, and of each map [ms].
     cutout, warp : float
@@ -393,20 +396,21 @@ class CostModel:
         Where the numbers come from.
     """
 
-    view_pixel: float = 5.0
-    view_triangle: float = 0.12
+    view_pixel: float = 2.6
+    view_triangle: float = 0.085
     receiver_pixel: float = 6.3
     turned_pixel: float = 8.0
     range_pixel: float = 7.0
-    mask_pixel: float = 9.6
-    mask_cascade: float = 2.5
+    mask_pixel: float = 11.0
+    mask_cascade: float = 1.9
     mask_tap: float = 4.2
-    map_texel: float = 0.5
-    map_layer: float = 0.76
-    map_triangle: float = 0.18
-    map_pass: float = 0.25
-    cutout: float = 2.0
-    warp: float = 4.0
+    map_texel: float = 0.61
+    map_layer: float = 0.42
+    map_line: float = 2.9
+    map_triangle: float = 0.12
+    map_pass: float = 0.24
+    cutout: float = 2.8
+    warp: float = 3.4
     source: str = "llvmpipe on two cores"
 
     def scaled(self, factor, source):
@@ -427,7 +431,7 @@ class CostModel:
 
     def with_maps(self, factor):
         """Copy with the times of shadow maps multiplied."""
-        names = ("map_texel", "map_layer", "map_triangle", "map_pass")
+        names = ("map_texel", "map_layer", "map_line", "map_triangle", "map_pass")
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
     def parts(self, settings, forecaster, map_size=None):
@@ -459,47 +463,58 @@ class CostModel:
             others += self.turned_pixel * pixels if settings.turned else 0.0
         if settings.split == "sdsm":
             others += self.range_pixel * pixels
-        sizes = map_sizes(settings) if map_size is None else map_size
-        sizes = _column(sizes) if map_size is not None and np.ndim(sizes) < 2 else sizes
-        texels = np.square(np.asarray(sizes, float)) / 1e6
-        texels = np.broadcast_to(texels, (*np.shape(texels)[:-1], count))
-        maps = (texels * self.texel_costs(settings, forecaster)).sum(axis=-1)
-        maps = maps + self.map_triangle * forecaster.load(settings).triangles.sum() / 1e3
-        return maps + self.map_pass * count, others
+        sides = map_sizes(settings) if map_size is None else map_size
+        sides = np.asarray(sides, float)
+        if map_size is not None and sides.ndim < 2:
+            sides = sides[..., None]
+        sides = np.broadcast_to(sides, (*sides.shape[:-1], count))
+        maps = (np.square(sides) / 1e6 * self.texel_costs(settings, forecaster, sides)).sum(axis=-1)
+        load = forecaster.load(settings)
+        drawn = load.needed if settings.cull == "exclusive" else load.triangles
+        return maps + self.map_triangle * drawn.sum() / 1e3 + self.map_pass * count, others
 
-    def texel_costs(self, settings, forecaster):
-        """Milliseconds of a million texels of each map (n,), by what covers them.
+    def texel_costs(self, settings, forecaster, sides):
+        """Milliseconds of a million texels of each map, by what covers them.
 
         Parameters
         ----------
         settings : ShadowSettings
         forecaster : Forecaster
+        sides : (n,) or (k, n) float64
+            Of the maps [texels]: the finer, the less of what is covered are outlines.
+
+        Returns
+        -------
+        costs : (n,) or (k, n) float64
         """
+        load = forecaster.load(settings)
         drawn = {"both": slice(0, 2), "front": slice(0, 1), "back": slice(1, 2)}
-        layers = forecaster.load(settings).layers[:, drawn[settings.caster_faces]].sum(axis=1)
-        covered = layers @ (1.0, self.cutout)
-        return self.map_texel + self.map_layer * covered * (
-            self.warp if settings.warp != "none" else 1.0
+        layers, lines = (
+            one[:, drawn[settings.caster_faces]].sum(axis=1) @ (1.0, self.cutout)
+            for one in (load.layers, load.lines)
         )
+        covered = self.map_layer * layers + self.map_line * lines / sides
+        return self.map_texel + covered * (self.warp if settings.warp != "none" else 1.0)
 
 
 #: Of a GPU: what fills maps is clearing and storing them as much as casters, passes over the
 #: picture are nearly free, and so are depths that a shader writes. Fitted to 320 frames.
 GPU = CostModel(
-    view_pixel=0.45,
+    view_pixel=0.35,
     view_triangle=0.0008,
     receiver_pixel=0.03,
     turned_pixel=0.03,
     range_pixel=0.03,
-    mask_pixel=0.0235,
-    mask_cascade=0.002,
+    mask_pixel=0.025,
+    mask_cascade=0.003,
     mask_tap=0.0035,
-    map_texel=0.15,
-    map_layer=0.05,
-    map_triangle=0.0016,
-    map_pass=0.05,
-    cutout=1.0,
-    warp=1.0,
+    map_texel=0.09,
+    map_layer=0.058,
+    map_line=0.03,
+    map_triangle=0.0015,
+    map_pass=0.0115,
+    cutout=2.6,
+    warp=1.1,
     source="an H200",
 )
 

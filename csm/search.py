@@ -32,6 +32,7 @@ STEPS = 4  # of sizes, from one to its double
 SIZES = tuple(round(SMALLEST * 2 ** (k / STEPS)) for k in range(4 * STEPS + 1))  # to 4096
 # Of maps of unequal sizes: sides are whole steps of texels, and the least; closer ones are equal.
 SIDE_STEP, SIDE_LEAST, NEARLY_EQUAL = 16, 128, 0.85
+USUAL = 2048.0  # side of maps, where what their texels cost is compared
 #: Split schemes between which the forecast chooses: the first is that of all defaults. The later
 #: ones cut nearer slices, the last in equal ratios of depth.
 SPLITS = (
@@ -44,6 +45,9 @@ SPLITS = (
 # 5 % or 0.05 % of the pixels. Of 55 real pairs, forecasts within that were so measured in 52; of
 # what the factors miss, the median is 12 %.
 KNEE_SHARE, KNEE_PIXELS = 0.02, 2e-4
+# Of the cheapest at the knee: what costs hardly more is taken where it spares an effect, or where
+# it is more exact; where the picture's own passes are most of a frame, finer maps are nearly free.
+NEARLY_FREE = 0.03
 
 
 @dataclass(frozen=True)
@@ -125,6 +129,17 @@ class Family:
             return squares * self.arranged.cascade_count
         return squares.sum(axis=1)
 
+    @property
+    def effects(self):
+        """How many effects they take that plain maps do without."""
+        settings = self.arranged
+        return (
+            (settings.warp != "none")
+            + settings.turned
+            + ((settings.split, settings.lam) != ("practical", 0.5))
+            + (self.sizes.ndim == 2)
+        )
+
     def candidate(self, row, ms):
         """One of them, with its cost."""
         told = self.expected
@@ -195,7 +210,9 @@ class Search:
         what an error takes that was asked for.
         """
         if not sum(view.facing_count for view in self.signals.views):
-            dark, nothing = ShadowSettings(filter="none"), np.zeros(1)
+            # only even splits can begin at or behind an orthographic camera
+            split = "uniform" if self.signals.orthographic else "practical"
+            dark, nothing = ShadowSettings(filter="none", split=split), np.zeros(1)
             sizes = np.array([SMALLEST])
             return [Family(dark, sizes, {"map_size": [SMALLEST]}, Expected(*3 * (nothing,)))]
         soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
@@ -224,9 +241,7 @@ class Search:
         every = [(arranged, largest)]
         if arranged.cascade_count == 1 or arranged.snap != "none":
             return every
-        parts = np.cbrt(
-            self.forecaster.displaced(arranged) / self.model.texel_costs(arranged, self.forecaster)
-        )
+        parts = np.cbrt(self.forecaster.displaced(arranged) / self._texel_costs(arranged))
         if not parts.max() > 0.0 or parts.min() > NEARLY_EQUAL * parts.max():
             return every
         wanted = largest[:, None] * (parts / parts.max())
@@ -342,7 +357,9 @@ class Search:
         expected = Expected(error, self._column("held"), self._column("left_out"))
         good = affordable & self._knee(called_for)(expected)
         if good.any():
-            return least(good, costs, error, texels)
+            nearly_free = good & (costs <= (1.0 + NEARLY_FREE) * costs[good].min())
+            effects = np.array([one.effects for one in self.families])[self._places[:, 0]]
+            return least(nearly_free, effects, error, costs, texels)
         return least(affordable, error, costs, texels)
 
     def _knee(self, called_for):
@@ -393,13 +410,14 @@ class Search:
         """
         signals = self.signals
         moves = signals.camera_moves or signals.sun_moves
+        faces = wanted_faces(signals)
         settings = ShadowSettings(
             cascade_count=count,
             fit="visible",
             snap="exact" if moves else "none",
             cull="exclusive" if count > 1 and signals.needless_chunks else "inclusive",
-            caster_faces=wanted_faces(signals),
-            bias="manual" if signals.bias_matters <= FACES_SHARE else "auto",
+            caster_faces=faces,
+            bias="manual" if faces == "back" and signals.bias_matters <= FACES_SHARE else "auto",
             light_basis=(
                 "world"
                 if signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
@@ -441,6 +459,12 @@ class Search:
             every.append(seen)
         return [self._selected(one) for one in every]
 
+    def _texel_costs(self, settings):
+        """Of a million texels of each map (n,) [ms], in maps of the usual size."""
+        return self.model.texel_costs(
+            settings, self.forecaster, np.full(settings.cascade_count, USUAL)
+        )
+
     def _burden(self, settings):
         """What it costs to fill maps of the best sizes for one error, but for a common factor.
 
@@ -448,7 +472,7 @@ class Search:
         sum w``.
         """
         area = self.forecaster.displaced(settings)
-        texel = self.model.texel_costs(settings, self.forecaster)
+        texel = self._texel_costs(settings)
         if settings.snap != "none":
             return float(area.sum() ** 2 * texel.sum())
         return float(np.cbrt(area**2 * texel).sum() ** 3)

@@ -13,7 +13,7 @@ import numpy as np
 
 from .cascades import fit_cascades
 from .caster_load import Casters, sample_casters
-from .caster_sides import Sides, measure_sides
+from .caster_sides import FACES_SHARE, Sides, measure_sides
 from .coarse_look import (
     blockers_of,
     edges_of,
@@ -439,7 +439,8 @@ def _summary(scene, views, cameras, suns, sides, spent):
         front_matters=max(one.front for one in sides),
         faces_matter=max(one.back for one in sides),
         bias_matters=max(one.bias for one in sides),
-        back_gain=min(one.gain for one in sides),
+        # where back sides change hardly a pixel, what they gain was not asked
+        back_gain=min((one.gain for one in sides if one.back > FACES_SHARE), default=0.0),
         lit_area=max(one.lit_area for one in sides),
         scene_triangles=int(scene.triangle_count),
         renders_ms=spent,

@@ -181,7 +181,7 @@ ORDER = [
     "renderer", "embree", "disc", "tracing", "digests", "footprints", "sampling", "causes",
     "metrics", "measures", "motion", "checks", "check_files", "progress", "arguments", "timing",
     "truth_cache", "sweep_points", "sweep_cases", "sweep_journal", "sweep_worker", "sweep_runs",
-    "sweep_tables", "sweep_provenance", "sweeps", "caster_sides", "coarse_look",
+    "sweep_tables", "sweep_provenance", "sweeps", "caster_load", "caster_sides", "coarse_look",
     "horizons", "signals", "arrangements", "forecasts", "decisions", "verification", "search",
     "budgets", "conversions",
     "engine_situation", "engine_rows", "engines_web",

@@ -142,12 +142,13 @@ def test_soft_shadows_need_a_disc_wider_than_a_pixel(renderer, box):
 
 def test_sixteen_bits_only_where_their_step_is_below_the_bias(renderer, box):
     sun = csm.Sun((1, 1, 0))
-    near = csm.recommend(box, view(), sun, renderer=renderer)
+    path = [view(), view().translated((0.1, 0.0, 0.0))]  # in motion nothing is warped
+    near = csm.recommend(box, path, sun, renderer=renderer)
     assert near.settings.depth_format == "d16"
     tower = csm.Scene.merge(
         box, csm.Scene([shapes.mesh("far", shapes.box((9e4, 0, -50), (1e5, 9e3, 50)))])
     )
-    far = csm.recommend(tower, view(), sun, renderer=renderer)
+    far = csm.recommend(tower, path, sun, renderer=renderer)
     assert far.settings.depth_format == "d32f"
 
 

@@ -13,6 +13,7 @@ from csm.forecasts import Forecaster
 from csm.horizons import ends_of, horizon_of
 from csm.sampling import surface_steps, uv_gradients
 from csm.search import KNEE_PIXELS, KNEE_SHARE
+from csm.settings import map_sizes
 from csm.signals import coarse_camera, measure_signals
 from csm.tracing import FACING
 from csm.verification import everything_on
@@ -231,7 +232,7 @@ def test_a_kernel_of_everything_on_excuses_no_coarser_texels(renderer):
     assert ours.left_out <= max(full.left_out, 0.05 * forecaster.penumbra()) + margin
     assert found.met
     assert found.forecast(found.settings).met
-    coarser = found.settings.replace(map_size=found.settings.map_size // 2)
+    coarser = found.settings.replace(map_size=tuple(one // 2 for one in map_sizes(found.settings)))
     assert not found.forecast(coarser).met
 
 

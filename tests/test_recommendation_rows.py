@@ -391,7 +391,7 @@ def test_forecasts_of_another_size_are_those_of_its_settings(renderer, box):
         CostModel().parts(settings.replace(caster_faces=sides), forecaster)[0]
         for sides in ("front", "both", "back")
     ]
-    fill = maps[1] - CostModel(map_layer=0.0).parts(settings, forecaster)[0]
+    fill = maps[1] - CostModel(map_layer=0.0, map_line=0.0).parts(settings, forecaster)[0]
     # the sides share the fill between them
     assert maps[0] + maps[2] == pytest.approx(2 * maps[1] - fill)
 

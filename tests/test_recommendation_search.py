@@ -25,17 +25,16 @@ def road():
 
 def test_a_warp_is_taken_where_it_makes_shadows_better(renderer, road):
     scene, camera, sun = road
-    found = csm.recommend(scene, camera, sun, renderer=renderer)
-    settings = found.settings
-    assert settings.warp == "lispsm"
-    (reason,) = (one for one in found.reasons if one.effect == "warp")
-    assert reason.taken
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    search = Search(signals, scene, NO_GOAL, 16384, GPU)
+    assert search.choose(GPU).settings.warp == "lispsm"
+    one = csm.ShadowSettings(fit="visible", snap="none", cascade_count=1, map_size=1024)
+    both = one.replace(warp="lispsm"), one
     truth = csm.truth(scene, camera, sun, rays_per_pixel=16)
-    warped, plain = (
-        picture_error(renderer.render(scene, camera, sun, one), truth)
-        for one in (settings, reason.flipped)
-    )
+    warped, plain = (picture_error(renderer.render(scene, camera, sun, s), truth) for s in both)
     assert warped < 0.7 * plain
+    forecast, without = (search.forecaster.error(s) for s in both)
+    assert forecast < 0.7 * without
 
 
 def test_what_means_nothing_under_a_warp_is_not_recommended(renderer, road):
@@ -115,8 +114,8 @@ def test_costs_to_begin_with_are_those_of_the_driver(renderer, road):
 
     # a shader that writes depth, and passes over the picture, are what software lacks hands for
     software, gpu = dearer(CostModel()), dearer(GPU)
-    assert software[0] > 2.0
-    assert gpu[0] == 1.0
+    assert software[0] > 1.2
+    assert 1.0 < gpu[0] < 1.05
     assert min(software[1:]) > 1.02
     assert max(gpu[1:]) < 1.02
     larger = plain.replace(map_size=4096)
