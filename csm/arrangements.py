@@ -6,7 +6,7 @@ import numpy as np
 
 from .cascades import fit_cascades
 from .sampling import mean_displacement, surface_steps, uv_gradients
-from .spaces import light_gradients, transform_points
+from .spaces import transform_points
 
 __all__ = ["LEFT_OUT", "Arranged", "arrange", "narrowest"]
 
@@ -96,7 +96,7 @@ def _across(view, cascades, settings, cascade):
         gradients = uv_gradients(uvz[cascade], view.edges)
         steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
         return np.einsum("ea,eak->ek", view.edge_across, steps)
-    metres = np.linalg.inv(uvz[:, :2, :3] @ light_gradients(view.sun).T)
+    metres = np.linalg.inv(uvz[:, :2, :3] @ view.axes.T)
     return np.einsum("ek,ekj->ej", view.steps_across, metres[cascade])
 
 

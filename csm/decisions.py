@@ -228,7 +228,9 @@ def _half_size(at):
 
 def _resized(at, factor):
     size = at.settings.map_size
-    sides = [max(1, int(factor * side)) for side in np.ravel(size)]
+    # a kernel must fit
+    least = at.settings.filter_size + 2 if at.settings.filter == "pcss" else 1
+    sides = [max(least, int(factor * side)) for side in np.ravel(size)]
     return {"map_size": tuple(sides) if isinstance(size, tuple) else sides[0]}
 
 

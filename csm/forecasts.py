@@ -1,12 +1,13 @@
 """What settings can be expected to get wrong, and to cost, from signals alone: no render."""
 
 import math
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
+from operator import attrgetter
 
 import numpy as np
 
 from .arrangements import arrange, narrowest
-from .settings import map_sizes
+from .settings import ShadowSettings, map_sizes
 
 __all__ = ["GPU", "CostModel", "Expected", "Forecaster", "cost_model_of", "forecast_cost"]
 
@@ -344,15 +345,15 @@ class Forecaster:
         """What an arrangement of windows makes of one view."""
         key = number, _key(settings)
         if key not in self._known:
-            one = settings.replace(map_size=2048, storage="array", depth_format="d32f")
-            view = self.signals.views[number]
-            self._known[key] = arrange(view, one.replace(filter="hard"), self._scene)
+            one = settings.replace(
+                map_size=2048, storage="array", depth_format="d32f", filter="hard"
+            )
+            self._known[key] = arrange(self.signals.views[number], one, self._scene)
         return self._known[key]
 
 
-def _key(settings):
-    """What of settings moves windows."""
-    return tuple(v for k, v in vars(settings).items() if k not in WITHOUT_WINDOWS)
+#: What of settings moves windows.
+_key = attrgetter(*(one.name for one in fields(ShadowSettings) if one.name not in WITHOUT_WINDOWS))
 
 
 def _size_at(settings, map_size, cascade):

@@ -171,7 +171,7 @@ class Search:
         self.signals, self.goal = signals, goal
         self.model = CostModel() if model is None else model
         self.forecaster = Forecaster(signals, scene)
-        self._largest = largest
+        self._largest, self._burdens = largest, {}
 
     @property
     def most_bytes(self):
@@ -429,7 +429,8 @@ class Search:
             every = [settings.replace(split="uniform")]
         elif count > 1:
             every = self._split(settings)
-        if not moves:  # neither can be snapped
+        # more maps that save nothing are considered where finer ones are wanted than a map can be
+        if not moves and self._saves(count, every):  # neither can be snapped
             every += [
                 one
                 for plain in every
@@ -444,6 +445,13 @@ class Search:
             ]
         held = [one for one in every if not self.forecaster.has_idle_cascades(one)]
         return held if count > 1 else every
+
+    def _saves(self, count, every):
+        """Whether so many maps cost less for an error than fewer do."""
+        burden = min(self._burden(one) for one in every)
+        fewer = min((it for n, it in self._burdens.items() if n < count), default=math.inf)
+        self._burdens[count] = burden
+        return burden <= (1.0 - GAIN) * fewer
 
     def _split(self, settings):
         """Settings by the scheme that costs least, and by what is seen if that costs less."""

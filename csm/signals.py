@@ -117,12 +117,17 @@ class View:
     cascade_shares: tuple[float, ...]
 
     @cached_property
+    def axes(self):
+        """Two unit vectors (2, 3) across the light: `light_gradients`."""
+        return light_gradients(self.sun)
+
+    @cached_property
     def steps_across(self):
         """How far a metre along each of `light_gradients` leads across each edge (e, 2) [pixels].
 
         Pixels of the full picture.
         """
-        steps = surface_steps(self.camera, self.edges, self.edge_normals, light_gradients(self.sun))
+        steps = surface_steps(self.camera, self.edges, self.edge_normals, self.axes)
         return np.einsum("ea,eak->ek", self.edge_across, steps)
 
     def penumbra_widths(self):
