@@ -45,9 +45,10 @@ SPLITS = (
 # 5 % or 0.05 % of the pixels. Of 55 real pairs, forecasts within that were so measured in 52; of
 # what the factors miss, the median is 12 %.
 KNEE_SHARE, KNEE_PIXELS = 0.02, 2e-4
-# Of the cheapest at the knee: what costs hardly more is taken where it spares an effect, or where
-# it is more exact; where the picture's own passes are most of a frame, finer maps are nearly free.
-NEARLY_FREE = 0.03
+# Of everything on's time: what costs so little more than the cheapest at the knee is taken where it
+# spares an effect, or else where it is more exact. Finer maps are nearly free where there is little
+# to fill, and on a GPU.
+NEARLY_FREE = 0.01
 
 
 @dataclass(frozen=True)
@@ -357,7 +358,8 @@ class Search:
         expected = Expected(error, self._column("held"), self._column("left_out"))
         good = affordable & self._knee(called_for)(expected)
         if good.any():
-            nearly_free = good & (costs <= (1.0 + NEARLY_FREE) * costs[good].min())
+            full = forecast_cost(self._everything_on(called_for), self.forecaster, model)
+            nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * full)
             effects = np.array([one.effects for one in self.families])[self._places[:, 0]]
             return least(nearly_free, effects, error, costs, texels)
         return least(affordable, error, costs, texels)
@@ -369,13 +371,15 @@ class Search:
         leaves out itself, or what the choice of kernels allows: that everything on cuts penumbrae
         off excuses no coarser texels.
         """
-        first = self.signals.views[0]
-        full = everything_on(first.sun, camera=first.camera).replace(filter=called_for)
-        full = self.forecaster.expected(full)
+        full = self.forecaster.expected(self._everything_on(called_for))
         margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
         held = full.held + margin
         left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra()) + margin
         return lambda expected: (expected.held <= held) & (expected.left_out <= left_out)
+
+    def _everything_on(self, called_for):
+        first = self.signals.views[0]
+        return everything_on(first.sun, camera=first.camera).replace(filter=called_for)
 
     def forecast(self, settings, model):
         """Error and cost of any settings, and whether they meet the goal.
