@@ -49,6 +49,7 @@ KNEE_SHARE, KNEE_PIXELS = 0.02, 2e-4
 # spares an effect, or else where it is more exact. Finer maps are nearly free where there is little
 # to fill, and on a GPU.
 NEARLY_FREE = 0.01
+NO_MATTER = KNEE_PIXELS / 4.0  # by so much less error nothing is bought, however cheap
 
 
 @dataclass(frozen=True)
@@ -361,7 +362,9 @@ class Search:
             full = forecast_cost(self._everything_on(called_for), self.forecaster, model)
             nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * full)
             effects = np.array([one.effects for one in self.families])[self._places[:, 0]]
-            return least(nearly_free, effects, error, costs, texels)
+            nearly_free &= effects == effects[nearly_free].min()
+            nearly_free &= error <= error[nearly_free].min() + NO_MATTER
+            return least(nearly_free, costs, error, texels)
         return least(affordable, error, costs, texels)
 
     def _knee(self, called_for):
