@@ -32,7 +32,8 @@ class Sides:
     Attributes
     ----------
     front : float
-        That change when front sides alone cast; 1 where too few pixels face the sun to say.
+        That change when front sides alone cast; 1 where too few pixels face the sun to say, or so
+        few sides do not that sparing them would save nothing.
     back : float
         That change when back sides alone cast; 1 where it was not asked.
     bias : float
@@ -98,10 +99,12 @@ def measure_sides(lit_area, lit, judged, count, again):
 
     if count < LEAST_LOOK:
         return Sides(1.0, lit_area=lit_area)
-    front = share(lit, again(caster_faces="front"))
-    # casters that front sides do not close, back sides do not close either
-    if front > FACES_SHARE or (front == 0.0 and lit_area <= LIT_MOST):
-        return Sides(front, lit_area=lit_area)
+    front = 1.0
+    if lit_area <= LIT_NEARLY_ALL:
+        front = share(lit, again(caster_faces="front"))
+        # casters that front sides do not close, back sides do not close either
+        if front > FACES_SHARE or (front == 0.0 and lit_area <= LIT_MOST):
+            return Sides(front, lit_area=lit_area)
     behind = again(caster_faces="back")
     back, gain = share(lit, behind), 0.0
     # what back sides alone lose can be what maps that are too coarse shadow by themselves

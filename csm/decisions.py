@@ -13,7 +13,7 @@ import numpy as np
 
 from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
 from .plans import map_bytes
-from .settings import ShadowSettings, map_sizes
+from .settings import ShadowSettings, map_sizes, maps_text
 
 __all__ = [
     "COUNTS",
@@ -251,11 +251,13 @@ def _nearest_faces(signals):
 
 def _faces_measured(at):
     told = at.signals
+    measured = {"front": told.front_matters, "back": told.faces_matter}
+    changes = [
+        f"{side} alone changes {_percent(share)}" for side, share in measured.items() if share < 1.0
+    ]
     text = "no shadow seen, or too little, to tell sides apart"
-    if told.front_matters < 1.0:
-        text = f"front alone changes {_percent(told.front_matters)} of facing pixels"
-    if told.faces_matter < 1.0:
-        text += f", back alone {_percent(told.faces_matter)}"
+    if changes:
+        text = ", ".join(changes) + " of facing pixels"
     return text + f"; {_percent(told.lit_area)} of the casters' area faces the sun"
 
 
@@ -313,7 +315,7 @@ TABLE = (
         taken=lambda at: at.signals.edge_share > 0.0,
         measured=lambda at: (
             f"edges of {1e3 * at.signals.edge_share:.3g} px per 1000 px; half the size leaves "
-            f"{_percent(_excess(at, _half_size(at)))} more error"
+            f"{_percent(_excess(at, _half_size(at)))} more error" + _beside_equal(at)
         ),
         flipped=lambda at: _half_size(at) if at.signals.edge_share > 0.0 else _resized(at, 2.0),
     ),
@@ -347,13 +349,14 @@ TABLE = (
     ),
     Decision(
         effect="split",
-        calls_for="cascades without receivers under the default scheme",
-        threshold="the forecast gains 1 % over practical, and that saves more than its pass",
-        source="forecast; docs/numerics.md 17",
-        cost="a reduction over the picture",
+        calls_for="slices whose receivers ask for texels of another scale, or that have none",
+        threshold="maps cost 1 % less for an error than by the practical scheme with lam 0.5",
+        source="forecast; docs/recommendation.md, docs/numerics.md 17",
+        cost="nothing; by what is seen (sdsm) a reduction over the picture",
         taken=lambda at: _several(at) and not _default_split(at),
         measured=lambda at: (
-            "receivers of four practical cascades: "
+            ("" if not _several(at) or _default_split(at) else _split_gain(at))
+            + "receivers of four practical cascades: "
             + " ".join(f"{100.0 * share:.0f}" for share in at.signals.cascade_shares)
             + " %"
         ),
@@ -541,8 +544,7 @@ TABLE = (
         measured=lambda at: (
             f"maps of one size, {map_bytes(at.settings) / 1e6:.3g} MB"
             if at.settings.storage == "array"
-            else f"maps of {' '.join(map(str, map_sizes(at.settings)))} texels a side: "
-            f"{map_bytes(at.settings) / 1e6:.3g} MB, "
+            else f"{maps_text(at.settings)}: {map_bytes(at.settings) / 1e6:.3g} MB, "
             f"{map_bytes(at.settings.replace(storage='array')) / 1e6:.3g} as layers"
         ),
         flipped=lambda at: {"storage": "separate" if at.settings.storage == "array" else "array"},
@@ -577,6 +579,27 @@ TABLE = (
         flipped=lambda at: {"warp": _other_warp(at)},
     ),
 )
+
+
+def _split_gain(at):
+    """How much error the split spares beside the default one, in maps of the same sizes."""
+    scheme = at.settings.split + (
+        f" {at.settings.lam:g}" if at.settings.split == "practical" else ""
+    )
+    return f"{scheme}: {_less(at.gain(split='practical', lam=0.5))} error than practical 0.5; "
+
+
+def _beside_equal(at):
+    """What maps of unequal sizes save beside equal ones of the same error."""
+    if not isinstance(at.settings.map_size, tuple):
+        return ""
+    area, sides = at.forecaster.displaced(at.settings), np.asarray(at.settings.map_size, float)
+    missed = (area / sides).sum()
+    if not missed > 0.0:
+        return ""
+    equal = area.sum() / missed
+    ratio = len(sides) * equal**2 / np.square(sides).sum()
+    return f"; equal maps as good are {equal:.0f}², {ratio:.2g} times the texels"
 
 
 def _default_split(at):

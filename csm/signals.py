@@ -203,7 +203,7 @@ class Signals:
         A path was given.
     front_matters : float
         Share of the facing pixels that change when front sides alone cast; 1, unmeasured, where
-        nothing is in shadow or too few pixels face the sun to say.
+        nothing is in shadow, too few pixels face the sun to say, or hardly a side does not.
     faces_matter : float
         Share of them that change when back sides alone cast; 1, unmeasured, where front sides do.
     bias_matters : float

@@ -40,9 +40,9 @@ def view(eye=(6, 4.5, 8), target=(-0.5, 0.6, 0), **more):
     return csm.Camera.look_at(eye, target, fov_y_deg=45, far=100, size=SIZE, **more)
 
 
-def sheet(turned_over=False):
+def sheet(turned_over=False, aside=0.0):
     """A table's top that floats, seen by the sun from its front or from its back."""
-    corners = [[-2, 1.5, -2], [-2, 1.5, 2], [2, 1.5, 2], [2, 1.5, -2]]
+    corners = [[x + aside, 1.5, z] for x, z in ((-2, -2), (-2, 2), (2, 2), (2, -2))]
     order = [[2, 1, 0], [3, 2, 0]] if turned_over else [[0, 1, 2], [0, 2, 3]]
     return csm.Scene.from_arrays(corners, order)
 
@@ -100,17 +100,24 @@ def test_sides_that_cast_are_those_that_the_scene_has(renderer, box):
         scene = csm.Scene.merge(plane(), *scenes)
         return csm.recommend(scene, view(), HIGH, renderer=renderer)
 
-    found = chosen(sheet())  # front sides would do, but there are hardly others
-    assert found.signals.front_matters == 0.0
+    found = chosen(sheet())  # front sides would do, but there are hardly others: nobody asks
+    assert found.signals.lit_area > LIT_NEARLY_ALL
+    assert found.signals.front_matters == 1.0
     assert found.settings.caster_faces == "both"
     house = csm.Scene([shapes.mesh("house", shapes.box((-2, 0, -2), (2, 3, 2)))])
     scene = csm.Scene.merge(plane(3.0), house)
     found = csm.recommend(scene, view(), HIGH, renderer=renderer)
     assert found.signals.lit_area < LIT_MOST
     assert found.settings.caster_faces == "front"
-    found = chosen(sheet(turned_over=True))
-    assert found.settings.caster_faces == "both"
-    assert found.signals.front_matters > 0.01
+    found = chosen(sheet(turned_over=True))  # all that casts are sides away from the sun
+    assert found.settings.caster_faces == "back"
+    frames = [
+        renderer.render(found.scene, view(), HIGH, found.settings.replace(caster_faces=sides))
+        for sides in ("back", "front")
+    ]
+    assert (frames[0].mask < 0.5).mean() > (frames[1].mask < 0.5).mean() + 0.01
+    found = chosen(sheet(), sheet(turned_over=True, aside=4.5))
+    assert found.settings.caster_faces == "both", "either side casts what the other does not"
     closed = csm.recommend(box, view(), HIGH, renderer=renderer)
     assert closed.settings.caster_faces != "both"
 
