@@ -16,6 +16,7 @@ from pathlib import Path
 import numpy as np
 from bench_recommend import case_names, read, scenes
 
+from csm.decisions import is_default_split, split_text
 from csm.settings import ShadowSettings, maps_text
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "recommendation.md"
@@ -67,13 +68,14 @@ def what(line):
     s = line["settings"]
     if line["dark"]:
         return "no shadow maps"
-    maps = maps_text(ShadowSettings.from_dict(s))
+    settings = ShadowSettings.from_dict(s)
+    maps = maps_text(settings)
     words = [f"{maps} {s['depth_format']} {s['filter']}"]
     if s["filter"] == "pcss":
         words.append(f"{s['tap_count']} taps")
     words += ["turned"] if s["turned"] else []
     words += [s["warp"]] if s["warp"] != "none" else []
-    words += [s["split"]] if s["split"] != "practical" else []
+    words += [] if is_default_split(settings) else [split_text(settings)]
     words += [s["caster_faces"]] if s["caster_faces"] != "both" else []
     return " ".join(words)
 

@@ -8,8 +8,11 @@ from .cascades import fit_cascades
 from .sampling import mean_displacement, surface_steps, uv_gradients
 from .spaces import transform_points
 
-__all__ = ["LEFT_OUT", "Arranged", "arrange", "narrowest"]
+__all__ = ["FARTHEST", "LEFT_OUT", "USUAL", "Arranged", "arrange", "narrowest"]
 
+# An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
+FARTHEST = 8.0
+USUAL = 2048  # side of maps, where one must be supposed
 # Of the automatic bias: texels of slope, and the steepest slope.
 BIAS_TEXELS, STEEPEST = 0.25, 1000.0
 # Of what hard edges miss of penumbrae, the share that a kernel may leave out: a quarter of what
@@ -56,7 +59,8 @@ class Arranged:
         lengths : (e,) float64
             [pixels].
         """
-        return np.bincount(self.edge_cascade, lengths * self.moved, len(self.windows))
+        moved = np.minimum(self.moved, FARTHEST * USUAL)
+        return np.bincount(self.edge_cascade, lengths * moved, len(self.windows))
 
 
 def arrange(view, settings, scene):

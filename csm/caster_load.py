@@ -15,6 +15,7 @@ __all__ = ["Casters", "Load", "sample_casters"]
 
 SAMPLED = 10_000  # triangles that are looked at
 KEPT = 300  # of each class of them, see `thinned`
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 LARGEST = 75  # of those, that count for none but themselves
 
 
@@ -70,8 +71,9 @@ class Casters:
 
         One half for closed surfaces, one for a plain; one half where nothing has an area.
         """
-        total = np.abs(self.area).sum()
-        return float(np.maximum(self.area, 0.0).sum() / total) if total else 0.5
+        area = self.weight * self.area
+        total = np.abs(area).sum()
+        return float(np.maximum(area, 0.0).sum() / total) if total else 0.5
 
     def thinned(self, cascades):
         """Fewer of them, so that each of some windows keeps enough.
@@ -173,7 +175,7 @@ class Casters:
 
 
 def sample_casters(scene, axes):
-    """Every k-th triangle of a scene, so that it is about 10 000 of them.
+    """At most 10 000 triangles of a scene, one out of each as long stretch of them.
 
     Parameters
     ----------
@@ -187,8 +189,11 @@ def sample_casters(scene, axes):
     """
     sizes = np.array([len(mesh.triangles) for mesh in scene.meshes])
     starts = np.concatenate([[0], np.cumsum(sizes[scene.instance_mesh])])
-    stride = max(1, starts[-1] // SAMPLED)
-    wanted = np.arange(0, starts[-1], stride)
+    count = min(int(starts[-1]), SAMPLED)
+    # one of every so many, not always the same of them: meshes repeat, and a stride of their
+    # period would meet but one of their triangles
+    places = (np.arange(count) + GOLDEN * np.arange(count) % 1.0) * (starts[-1] / count)
+    wanted = np.minimum(places.astype(int), starts[-1] - 1)
     instance = np.searchsorted(starts, wanted, side="right") - 1
     flat, cut = np.empty((len(wanted), 3, 2)), np.zeros(len(wanted), bool)
     across = np.matmul(axes, scene.world_from_instance[:, :3])
@@ -207,5 +212,10 @@ def sample_casters(scene, axes):
     area = 0.5 * mirrored[instance] * (first_x * second_y - first_y * second_x)
     low, high = flat.min(axis=1), flat.max(axis=1)
     return Casters(
-        axes, 0.5 * (low + high), 0.5 * (high - low), area, cut, np.full(len(wanted), float(stride))
+        axes,
+        0.5 * (low + high),
+        0.5 * (high - low),
+        area,
+        cut,
+        np.full(count, starts[-1] / max(count, 1)),
     )

@@ -6,12 +6,16 @@ with its measurement. `csm.recommend` asks the rows; `Recommendation.verify` tur
 round and looks whether the picture minds.
 """
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
+from .arrangements import USUAL
 from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
+from .forecasts import CostModel
+from .map_shares import NEARLY_EQUAL, equal_side, size_parts, unequal_sizes
 from .plans import map_bytes
 from .settings import ShadowSettings, map_sizes, maps_text
 
@@ -23,6 +27,9 @@ __all__ = [
     "Decision",
     "Reason",
     "Situation",
+    "is_default_split",
+    "split_text",
+    "value_of",
     "wanted_faces",
     "wanted_format",
     "wanted_size",
@@ -48,11 +55,14 @@ class Situation:
     forecaster : Forecaster
     settings : ShadowSettings
         As decided so far: sizes, splits and all of it when the reasons are written.
+    model : CostModel
+        Which maps of unequal sizes go by.
     """
 
     signals: object
     forecaster: object
     settings: ShadowSettings
+    model: CostModel = field(default_factory=CostModel)
 
     @property
     def moves(self):
@@ -65,9 +75,9 @@ class Situation:
         without = self.forecaster.aliasing(self.settings.replace(**changes))
         return 1.0 - with_it / without if without > 0.0 else 0.0
 
-    def texel(self, map_size=None):
+    def texel(self, map_size=None, filter_size=None):
         """Side [m] of the finest cascade's texel, and of the coarsest; in maps of other sizes."""
-        sides = self.forecaster.texel_sides(self.settings, map_size)
+        sides = self.forecaster.texel_sides(self.settings, map_size, filter_size)
         return sides.min(axis=-1), sides.max(axis=-1)
 
 
@@ -152,10 +162,9 @@ class Decision:
         flipped = None if changes is None else at.settings.replace(**changes)
         if flipped is not None and flipped.canonical() == at.settings.canonical():
             flipped = None  # the same would be drawn: no other answer
-        setting = "filter" if self.effect == "shadows" else self.effect
         return Reason(
             effect=self.effect,
-            value=getattr(at.settings, setting),
+            value=value_of(self.effect, at.settings),
             taken=bool(self.taken(at)),
             measured=self.measured(at),
             threshold=self.threshold,
@@ -166,17 +175,38 @@ class Decision:
         )
 
 
+def is_default_split(settings):
+    """Whether slices are cut as by default; even ones are all that some cameras allow."""
+    return settings.split == "uniform" or (settings.split, settings.lam) == ("practical", 0.5)
+
+
+def split_text(settings):
+    """The split in words: the practical scheme with its lambda, where that is not the default."""
+    if settings.split != "practical" or is_default_split(settings):
+        return settings.split
+    return f"practical {settings.lam:g}"
+
+
+def value_of(effect, settings):
+    """What a reason gives as its effect's value."""
+    if effect == "split":
+        return split_text(settings)
+    return getattr(settings, "filter" if effect == "shadows" else effect)
+
+
 # -- what rows ask --------------------------------------------------------------------------------
 
 
-def wanted_format(at, map_size=None):
+def wanted_format(at, map_size=None, filter_size=None):
     """Depth format: 16 bits where their step is below the bias that surfaces need anyway.
 
     Of sizes (k,) as many. Under a warp no step is the same everywhere: 32 bits.
     """
     if at.settings.warp != "none":
         return np.full(np.shape(map_size)[:1], "d32f").tolist()
-    return np.where(_quantum_16(at) < _needed_bias(at, map_size), "d16", "d32f").tolist()
+    return np.where(
+        _quantum_16(at) < _needed_bias(at, map_size, filter_size), "d16", "d32f"
+    ).tolist()
 
 
 def wanted_faces(signals):
@@ -204,8 +234,8 @@ def _quantum_16(at):
     return at.signals.depth_span / 65535.0
 
 
-def _needed_bias(at, map_size=None):
-    return 0.25 * at.texel(map_size)[0] * at.signals.bias_slope
+def _needed_bias(at, map_size=None, filter_size=None):
+    return 0.25 * at.texel(map_size, filter_size)[0] * at.signals.bias_slope
 
 
 def _several(at):
@@ -219,7 +249,32 @@ def _equal_memory(at):
 
 
 def _fewer(at):
-    return {"cascade_count": max(n for n in COUNTS if n < at.settings.cascade_count)}
+    return _rearranged(at, cascade_count=max(n for n in COUNTS if n < at.settings.cascade_count))
+
+
+def _rearranged(at, **changes):
+    """Changes, and, of unequal maps, as many texels shared out anew among the other windows."""
+    settings = at.settings
+    if not isinstance(settings.map_size, tuple):
+        return changes
+    texels = sum(side**2 for side in settings.map_size)
+    other = settings.replace(**changes, map_size=USUAL, storage="array")
+    parts = None
+    if other.cascade_count > 1:
+        parts = size_parts(other, at.forecaster, at.model)
+    if parts is None:
+        side = round(math.sqrt(texels / other.cascade_count))
+        return {**changes, "map_size": side, "storage": "array"}
+    sides = unequal_sizes(parts, math.sqrt(texels / np.square(parts).sum()))
+    return {**changes, "map_size": tuple(sides.tolist())}
+
+
+def _equal_maps(at):
+    """Of maps of unequal sizes: equal ones that miss as much; else textures of their own."""
+    if not isinstance(at.settings.map_size, tuple):
+        return {"storage": "separate"}
+    side = equal_side(at.settings, at.forecaster) or max(at.settings.map_size)
+    return {"storage": "array", "map_size": math.ceil(side)}
 
 
 def _half_size(at):
@@ -315,7 +370,7 @@ TABLE = (
         taken=lambda at: at.signals.edge_share > 0.0,
         measured=lambda at: (
             f"edges of {1e3 * at.signals.edge_share:.3g} px per 1000 px; half the size leaves "
-            f"{_percent(_excess(at, _half_size(at)))} more error" + _beside_equal(at)
+            f"{_percent(_excess(at, _half_size(at)))} more error"
         ),
         flipped=lambda at: _half_size(at) if at.signals.edge_share > 0.0 else _resized(at, 2.0),
     ),
@@ -353,9 +408,9 @@ TABLE = (
         threshold="maps cost 1 % less for an error than by the practical scheme with lam 0.5",
         source="forecast; docs/recommendation.md, docs/numerics.md 17",
         cost="nothing; by what is seen (sdsm) a reduction over the picture",
-        taken=lambda at: _several(at) and not _default_split(at),
+        taken=lambda at: _several(at) and not is_default_split(at.settings),
         measured=lambda at: (
-            ("" if not _several(at) or _default_split(at) else _split_gain(at))
+            _split_gain(at)
             + "receivers of four practical cascades: "
             + " ".join(f"{100.0 * share:.0f}" for share in at.signals.cascade_shares)
             + " %"
@@ -536,18 +591,20 @@ TABLE = (
     ),
     Decision(
         effect="storage",
-        calls_for="maps of different sizes",
-        threshold="any difference",
-        source="docs/numerics.md 24: layers are as large as the largest",
-        cost="nothing in a mask",
+        calls_for="cascades of which some miss more than others for what their texels cost",
+        threshold=(
+            f"sizes that differ by {_percent(1.0 - NEARLY_EQUAL)}, and cost less; never in motion"
+        ),
+        source="forecast: csm/map_shares.py; layers are all as large: docs/numerics.md 24",
+        cost="nothing: tiles of an atlas, few pixels rounded otherwise",
         taken=lambda at: at.settings.storage != "array",
         measured=lambda at: (
             f"maps of one size, {map_bytes(at.settings) / 1e6:.3g} MB"
             if at.settings.storage == "array"
-            else f"{maps_text(at.settings)}: {map_bytes(at.settings) / 1e6:.3g} MB, "
-            f"{map_bytes(at.settings.replace(storage='array')) / 1e6:.3g} as layers"
+            else f"{maps_text(at.settings)}: {map_bytes(at.settings) / 1e6:.3g} MB"
+            + _beside_equal(at)
         ),
-        flipped=lambda at: {"storage": "separate" if at.settings.storage == "array" else "array"},
+        flipped=_equal_maps,
         saves=lambda at: at.settings.storage != "array",
     ),
     Decision(
@@ -582,28 +639,22 @@ TABLE = (
 
 
 def _split_gain(at):
-    """How much error the split spares beside the default one, in maps of the same sizes."""
-    scheme = at.settings.split + (
-        f" {at.settings.lam:g}" if at.settings.split == "practical" else ""
-    )
-    return f"{scheme}: {_less(at.gain(split='practical', lam=0.5))} error than practical 0.5; "
+    """How much error the split spares beside the default one, in as many texels."""
+    other = _other_split(at)
+    if other is None or is_default_split(at.settings):
+        return ""
+    scheme = split_text(at.settings)
+    return f"{scheme}: {_less(at.gain(**other))} error than practical; "
 
 
 def _beside_equal(at):
     """What maps of unequal sizes save beside equal ones of the same error."""
-    if not isinstance(at.settings.map_size, tuple):
+    side = equal_side(at.settings, at.forecaster)
+    if side is None:
         return ""
-    area, sides = at.forecaster.displaced(at.settings), np.asarray(at.settings.map_size, float)
-    missed = (area / sides).sum()
-    if not missed > 0.0:
-        return ""
-    equal = area.sum() / missed
-    ratio = len(sides) * equal**2 / np.square(sides).sum()
-    return f"; equal maps as good are {equal:.0f}², {ratio:.2g} times the texels"
-
-
-def _default_split(at):
-    return (at.settings.split, at.settings.lam) == ("practical", 0.5)
+    sides = np.asarray(at.settings.map_size, float)
+    ratio = len(sides) * side**2 / np.square(sides).sum()
+    return f"; equal maps as good are {side:.0f}², {ratio:.2g} times the texels"
 
 
 def _other_warp(at):
@@ -620,7 +671,9 @@ def _other_split(at):
         return None
     if any(view.camera.near <= 0.0 for view in at.signals.views):
         return None
-    return {"split": "sdsm"} if _default_split(at) else {"split": "practical", "lam": 0.5}
+    if is_default_split(at.settings):
+        return _rearranged(at, split="sdsm")
+    return _rearranged(at, split="practical", lam=0.5)
 
 
 def _other_filter(at):

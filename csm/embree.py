@@ -38,6 +38,7 @@ class RayTree:
         # range. Shared corners stay bit-equal, which is what robust mode needs at edges.
         self.corners = rounded[triangles]
         self._cutouts = Cutouts(scene) if has_cutout(scene) else None
+        self._least_step = max(2.0**-46 * float(np.abs(self.bounds).max()), 1e-300)
         self._embree = EmbreeScene(robust=True)
         for first in range(0, len(self.corners), CHUNK_TRIANGLES):
             TriangleMesh(self._embree, self.corners[first : first + CHUNK_TRIANGLES])
@@ -71,6 +72,7 @@ class RayTree:
             parameter = np.maximum(parameter[through], reached[through])
             point = start + parameter[:, None] * along
             step = 2.0 * 2.0**-23 * np.maximum(np.abs(point), np.abs(start)).max(axis=1, initial=0)
+            step = np.maximum(step, self._least_step)  # at the origin itself it would be none
             step = np.ldexp(step / np.linalg.norm(along, axis=1), doubled[through].astype(int))
             reached = parameter + step
             met = self._first(start + reached[:, None] * along, along)

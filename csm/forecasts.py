@@ -6,13 +6,11 @@ from operator import attrgetter
 
 import numpy as np
 
-from .arrangements import arrange, narrowest
+from .arrangements import FARTHEST, USUAL, arrange, narrowest
 from .settings import ShadowSettings, map_sizes
 
 __all__ = ["GPU", "CostModel", "Expected", "Forecaster", "cost_model_of", "forecast_cost"]
 
-# An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
-FARTHEST = 8.0
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
 DISC = 2.0 / (3.0 * math.pi)
 # Of what hard edges miss of a penumbra, what percentage-closer soft shadows of 16 taps still miss,
@@ -73,7 +71,7 @@ class Forecaster:
         self._wanted, self._loads = {}, {}
         self._soft = self._wide = None
 
-    def aliasing(self, settings, map_size=None):
+    def aliasing(self, settings, map_size=None, filter_size=None):
         """Expected share of facing pixels on the wrong side because texels have a size.
 
         Within half a texel along u and v a point is judged by its texel's centre, which displaces
@@ -84,8 +82,8 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int, (k,) or (k, n) int, optional
-            Of all maps, instead of that of the settings.
+        map_size, filter_size : int, (k,) or, of maps, (k, n) int, optional
+            Of all maps, and of the kernel, instead of those of the settings.
 
         Returns
         -------
@@ -96,7 +94,7 @@ class Forecaster:
         for number, view in enumerate(self.signals.views):
             known = self._taken(number, settings)
             if len(view.edges):
-                moved = known.moved / _size_at(settings, map_size, known.edge_cascade)
+                moved = known.moved / _size_at(settings, map_size, known.edge_cascade, filter_size)
                 area += (view.edge_lengths * np.minimum(moved, FARTHEST)).sum(axis=-1)
         factor = EDGE_FACTOR + THIN_FACTOR * self.signals.thin_share
         return factor * area / pixels if pixels else 0.0
@@ -135,12 +133,16 @@ class Forecaster:
             dark = float(self.signals.shadowed_share)
             return Expected(dark, dark, 0.0)
         if texels is None:
-            texels = self.aliasing(settings, map_size), self.leak(settings, map_size)
+            texels = (
+                self.aliasing(settings, map_size, filter_size),
+                self.leak(settings, map_size, filter_size),
+            )
         (aliasing, leak), left = texels, 0.0
         if settings.filter == "pcss":
             left = self.left_out(settings, map_size, filter_size)
         held = np.hypot(aliasing, self.softness(settings, 0.0)) + leak
-        return Expected(np.hypot(aliasing, self.softness(settings, left)) + leak, held, left)
+        error = np.hypot(aliasing, self.softness(settings, left)) + leak
+        return Expected(np.minimum(error, 1.0), held, left)
 
     def softness(self, settings, left=None):
         """Mean absolute error of penumbrae under the filter of the settings.
@@ -187,7 +189,9 @@ class Forecaster:
         for number, view in enumerate(self.signals.views):
             if len(view.edges):
                 known, wide = self._taken(number, settings), self._penumbrae()[number]
-                part = _column(kernel) / _size_at(settings, map_size, known.edge_cascade)
+                part = _column(kernel) / _size_at(
+                    settings, map_size, known.edge_cascade, filter_size
+                )
                 missing = np.maximum(wide - part * known.reach, 0.0)
                 area += (view.edge_lengths * missing).sum(axis=-1)
         pixels = self._facing()
@@ -224,7 +228,7 @@ class Forecaster:
             self._wanted[key] = narrowest(reach, self._penumbrae()[number], view.edge_lengths)
         return self._wanted[key]
 
-    def leak(self, settings, map_size=None):
+    def leak(self, settings, map_size=None, filter_size=None):
         """Share of facing pixels in shadow that the bias is expected to light.
 
         Where the occluder is nearer along the light than a quarter texel of slope: contacts, and
@@ -233,8 +237,8 @@ class Forecaster:
         Parameters
         ----------
         settings : ShadowSettings
-        map_size : int, (k,) or (k, n) int, optional
-            Of all maps, instead of that of the settings.
+        map_size, filter_size : int, (k,) or, of maps, (k, n) int, optional
+            Of all maps, and of the kernel, instead of those of the settings.
 
         Returns
         -------
@@ -246,7 +250,7 @@ class Forecaster:
         for number, view in enumerate(self.signals.views):
             if len(view.gaps):
                 known = self._taken(number, settings)
-                size = _size_at(settings, map_size, known.receiver_cascade)
+                size = _size_at(settings, map_size, known.receiver_cascade, filter_size)
                 lit += np.count_nonzero(view.gaps < known.receiver_bias / size, axis=-1)
             count += len(view.gaps)
         return lit / count if count else 0.0
@@ -277,15 +281,14 @@ class Forecaster:
         views = self.signals.views
         return sum(v.facing_count * self.signals.pixels / v.pixel_count for v in views)
 
-    def texel_sides(self, settings, map_size=None):
+    def texel_sides(self, settings, map_size=None, filter_size=None):
         """Longer side of a texel of each cascade that receivers take (n,), or (k, n) [m]."""
         windows = self._taken(0, settings).windows
         wide = windows > NOTHING * windows.max()
         sizes = np.asarray(map_sizes(settings) if map_size is None else map_size, float)
         if sizes.ndim == 1 and map_size is not None:
             sizes = sizes[:, None]
-        sides = windows / sizes
-        return sides[..., wide]
+        return (windows / _inside(settings, sizes, filter_size))[..., wide]
 
     def has_idle_cascades(self, settings):
         """Whether a cascade has no receivers in any view.
@@ -346,7 +349,7 @@ class Forecaster:
         key = number, _key(settings)
         if key not in self._known:
             one = settings.replace(
-                map_size=2048, storage="array", depth_format="d32f", filter="hard"
+                map_size=USUAL, storage="array", depth_format="d32f", filter="hard"
             )
             self._known[key] = arrange(self.signals.views[number], one, self._scene)
         return self._known[key]
@@ -356,16 +359,25 @@ class Forecaster:
 _key = attrgetter(*(one.name for one in fields(ShadowSettings) if one.name not in WITHOUT_WINDOWS))
 
 
-def _size_at(settings, map_size, cascade):
-    """Texels along the map of each point: a number, (e,), (k, 1) or (k, e)."""
-    if map_size is not None:
-        return (
-            np.take(np.asarray(map_size, float), cascade, axis=1)
-            if np.ndim(map_size) == 2
-            else _column(map_size)
-        )
-    sizes = map_sizes(settings)
-    return float(sizes[0]) if len(set(sizes)) == 1 else np.asarray(sizes, float)[cascade]
+def _size_at(settings, map_size, cascade, filter_size=None):
+    """Texels along the window of each point: a number, (e,), (k, 1) or (k, e)."""
+    if map_size is None:
+        sizes = map_sizes(settings)
+        even = len(set(sizes)) == 1
+        sizes = float(sizes[0]) if even else np.asarray(sizes, float)[cascade]
+    elif np.ndim(map_size) == 2:
+        sizes = np.take(np.asarray(map_size, float), cascade, axis=1)
+    else:
+        sizes = _column(map_size)
+    return _inside(settings, sizes, filter_size)
+
+
+def _inside(settings, sizes, filter_size=None):
+    """Texels of a map that lie over its window: a kernel needs a border round it."""
+    if settings.filter != "pcss":
+        return sizes
+    kernel = _column(settings.filter_size if filter_size is None else filter_size)
+    return np.maximum(sizes - kernel - 1.0, 0.125 * sizes)
 
 
 def _column(values):
@@ -432,7 +444,7 @@ class CostModel:
 
     def with_maps(self, factor):
         """Copy with the times of shadow maps multiplied."""
-        names = ("map_texel", "map_layer", "map_line", "map_triangle", "map_pass")
+        names = [name for name in self.__dataclass_fields__ if name.startswith("map_")]
         return replace(self, **{name: factor * getattr(self, name) for name in names})
 
     def parts(self, settings, forecaster, map_size=None):
@@ -496,6 +508,10 @@ class CostModel:
         )
         covered = self.map_layer * layers + self.map_line * lines / sides
         return self.map_texel + covered * (self.warp if settings.warp != "none" else 1.0)
+
+    def usual_costs(self, settings, forecaster):
+        """`texel_costs` (n,) of maps of the usual size."""
+        return self.texel_costs(settings, forecaster, np.full(settings.cascade_count, float(USUAL)))
 
 
 #: Of a GPU: what fills maps is clearing and storing them as much as casters, passes over the

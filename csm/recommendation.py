@@ -10,7 +10,7 @@ import numpy as np
 from .budgets import within_budget
 from .camera import Camera
 from .cascades import check_kinds, fit_cascades
-from .decisions import TABLE, Situation
+from .decisions import TABLE
 from .digests import scene_digest
 from .export import export_settings
 from .forecasts import CostModel, cost_model_of
@@ -437,7 +437,7 @@ def recommend_from(renderer, scene, cameras, suns, goal, *, model=None, **motion
 
 def _report(search, chosen, model, scene, path, goal):
     """Make the answer: settings, reasons, and what stands in the way."""
-    at = Situation(search.signals, search.forecaster, chosen.settings)
+    at = search.situation(chosen.settings)
     dark = chosen.settings.filter == "none"
     rows = [row for row in TABLE if not dark or row.effect == "shadows"]
     obstacle = obstacle_of(search, chosen, model, goal)

@@ -7,7 +7,7 @@ them; such a file is refused, key by key, so that nothing is told of settings th
 import itertools
 import math
 
-from .decisions import TABLE
+from .decisions import TABLE, value_of
 from .plans import map_bytes
 
 __all__ = ["GOAL_RANGES", "check_agreement"]
@@ -116,8 +116,7 @@ def _check_reasons(reasons, settings):
         if reason.effect in seen:
             raise ValueError(f"{where}: effect {reason.effect!r} is there twice")
         seen.add(reason.effect)
-        setting = "filter" if reason.effect == "shadows" else reason.effect
-        value = getattr(settings, setting)
+        value = value_of(reason.effect, settings)
         if reason.value != value:
             raise ValueError(
                 f"{where}: value of {reason.effect!r} must be {value!r}, as in settings "

@@ -17,11 +17,13 @@ from .decisions import (
     WARP_GAIN,
     WORLD_ELEVATION_DEG,
     Situation,
+    is_default_split,
     wanted_faces,
     wanted_format,
     wanted_size,
 )
 from .forecasts import CostModel, Expected, Forecaster, forecast_cost
+from .map_shares import filling_burden, size_parts, unequal_sizes
 from .plans import map_bytes
 from .settings import ShadowSettings, map_sizes
 from .verification import everything_on
@@ -30,9 +32,6 @@ __all__ = ["Candidate", "Forecast", "Search", "cheapest", "finest"]
 
 STEPS = 4  # of sizes, from one to its double
 SIZES = tuple(round(SMALLEST * 2 ** (k / STEPS)) for k in range(4 * STEPS + 1))  # to 4096
-# Of maps of unequal sizes: sides are whole steps of texels, and the least; closer ones are equal.
-SIDE_STEP, SIDE_LEAST, NEARLY_EQUAL = 16, 128, 0.85
-USUAL = 2048.0  # side of maps, where what their texels cost is compared
 #: Split schemes between which the forecast chooses: the first is that of all defaults. The later
 #: ones cut nearer slices, the last in equal ratios of depth.
 SPLITS = (
@@ -138,7 +137,7 @@ class Family:
         return (
             (settings.warp != "none")
             + settings.turned
-            + ((settings.split, settings.lam) != ("practical", 0.5))
+            + (not is_default_split(settings))
             + (self.sizes.ndim == 2)
         )
 
@@ -233,22 +232,15 @@ class Search:
         ]
 
     def _sizes(self, arranged):
-        """Settings and sizes of their maps: equal ones (k,), and of a still unequal ones (k, n).
-
-        What edges miss goes with 1 / size, what maps cost with its square. For a sum of misses
-        ``sum a / s`` the sum of costs ``sum w s^2`` is least where s goes with the cube root of
-        a / w (the multiplier of Lagrange: a / s^2 = 2 l w s).
-        """
+        """Settings and sizes of their maps: equal ones (k,), and of a still unequal ones (k, n)."""
         largest = np.array([size for size in SIZES if size <= self._largest])
         every = [(arranged, largest)]
         if arranged.cascade_count == 1 or arranged.snap != "none":
             return every
-        parts = np.cbrt(self.forecaster.displaced(arranged) / self._texel_costs(arranged))
-        if not parts.max() > 0.0 or parts.min() > NEARLY_EQUAL * parts.max():
+        parts = size_parts(arranged, self.forecaster, self.model)
+        if parts is None:
             return every
-        wanted = largest[:, None] * (parts / parts.max())
-        sizes = SIDE_STEP * np.round(wanted / SIDE_STEP).astype(int)
-        sizes = np.maximum(sizes, SIDE_LEAST)
+        sizes = unequal_sizes(parts, largest)
         # side by side at most: an atlas of them is no larger than the largest map
         sizes = sizes[sizes.sum(axis=1) <= self._largest]
         unequal = sizes[(sizes != sizes[:, :1]).any(axis=1)]
@@ -256,22 +248,29 @@ class Search:
 
     def _filtered(self, arranged, sizes, filters):
         """Candidates of an arrangement under each filter, one a size, with all that hangs on it."""
-        told = self.forecaster
-        texels = told.aliasing(arranged, sizes), told.leak(arranged, sizes)
+        told, texels, found = self.forecaster, {}, []
         sides = [tuple(one) if sizes.ndim == 2 else one for one in sizes.tolist()]
-        depths, found = None, []
         for changes in filters:
             settings = arranged.replace(**changes)
-            at = Situation(self.signals, told, settings)
-            depths = wanted_format(at, sizes) if depths is None else depths
-            depends = {"map_size": sides, "depth_format": depths}
-            if settings.filter == "pcss":
-                depends["filter_size"] = wanted_size(at, sizes)
-            expected = told.expected(settings, sizes, depends.get("filter_size"), texels)
+            at = self.situation(settings)
+            kernels = wanted_size(at, sizes) if settings.filter == "pcss" else None
+            depends = {"map_size": sides, "depth_format": wanted_format(at, sizes, kernels)}
+            if kernels is not None:
+                depends["filter_size"] = kernels
+            if settings.filter not in texels:  # taps change none
+                texels[settings.filter] = (
+                    told.aliasing(settings, sizes, kernels),
+                    told.leak(settings, sizes, kernels),
+                )
+            expected = told.expected(settings, sizes, kernels, texels[settings.filter])
             parts = (expected.error, expected.held, expected.left_out)
             parts = (np.broadcast_to(one, len(sizes)) for one in parts)
             found.append(Family(settings, sizes, depends, Expected(*parts)))
         return found
+
+    def situation(self, settings):
+        """What the rows are asked about settings."""
+        return Situation(self.signals, self.forecaster, settings, self.model)
 
     @cached_property
     def _places(self):
@@ -288,10 +287,12 @@ class Search:
             return np.ones(len(self._places), bool)
         nothing = np.zeros(len(self._places))
         every = (self._candidate(at, nothing) for at in range(len(nothing)))
-        found = np.array([map_bytes(one.settings) <= most for one in every])
+        sizes = np.array([map_bytes(one.settings) for one in every])
+        found, least = sizes <= most, sizes.min()
         if not found.any():
             raise ValueError(
-                f"max_bytes must hold one map of {SMALLEST} x {SMALLEST} (got {most:g})"
+                f"max_bytes must hold one map of {SMALLEST} x {SMALLEST} in the format that is "
+                f"called for: {least} bytes (got {most:g})"
             )
         return found
 
@@ -354,10 +355,9 @@ class Search:
         if budget is not None:
             return least(affordable, error, costs, texels)
         called_for = self.families[0].arranged.filter
-        filters = np.array([one.arranged.filter == called_for for one in self.families])
-        affordable &= filters[self._places[:, 0]]
+        affordable &= self._filtered_by(called_for)
         expected = Expected(error, self._column("held"), self._column("left_out"))
-        good = affordable & self._knee(called_for)(expected)
+        good = affordable & self._knee(called_for, model)(expected)
         if good.any():
             full = forecast_cost(self._everything_on(called_for), self.forecaster, model)
             nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * full)
@@ -367,18 +367,32 @@ class Search:
             return least(nearly_free, costs, error, texels)
         return least(affordable, error, costs, texels)
 
-    def _knee(self, called_for):
+    def _knee(self, called_for, model):
         """Whether what is expected is at the knee, under the filter that is called for: a function.
 
         What kernels leave out of penumbrae is asked apart, and may be no more than everything on
         leaves out itself, or what the choice of kernels allows: that everything on cuts penumbrae
-        off excuses no coarser texels.
+        off excuses no coarser texels. But what errs no more, all in all, than the cheapest of
+        those is as good as they are.
         """
         full = self.forecaster.expected(self._everything_on(called_for))
         margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
         held = full.held + margin
         left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra()) + margin
-        return lambda expected: (expected.held <= held) & (expected.left_out <= left_out)
+        among = self._allowed & self._filtered_by(called_for)
+        among &= (self._column("held") <= held) & (self._column("left_out") <= left_out)
+        most = -math.inf
+        if among.any():
+            rows = np.flatnonzero(among)
+            most = float(self._column("error")[rows[self._costs(model)[rows].argmin()]])
+        return lambda expected: (
+            (expected.held <= held) & (expected.left_out <= left_out) | (expected.error <= most)
+        )
+
+    def _filtered_by(self, name):
+        """Which candidates have a filter (m,)."""
+        filters = np.array([one.arranged.filter == name for one in self.families])
+        return filters[self._places[:, 0]]
 
     def _everything_on(self, called_for):
         first = self.signals.views[0]
@@ -402,7 +416,7 @@ class Search:
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
         enough = limit is None or error <= limit
         if limit is None and budget is None:
-            enough = bool(self._knee(self.families[0].arranged.filter)(expected))
+            enough = bool(self._knee(self.families[0].arranged.filter, model)(expected))
         met = (
             enough
             and (budget is None or ms <= budget)
@@ -474,23 +488,8 @@ class Search:
             every.append(seen)
         return [self._selected(one) for one in every]
 
-    def _texel_costs(self, settings):
-        """Of a million texels of each map (n,) [ms], in maps of the usual size."""
-        return self.model.texel_costs(
-            settings, self.forecaster, np.full(settings.cascade_count, USUAL)
-        )
-
     def _burden(self, settings):
-        """What it costs to fill maps of the best sizes for one error, but for a common factor.
-
-        With the sizes of `_sizes` that is ``(sum (a^2 w)^(1/3))^3``; of equal ones, ``(sum a)^2
-        sum w``.
-        """
-        area = self.forecaster.displaced(settings)
-        texel = self._texel_costs(settings)
-        if settings.snap != "none":
-            return float(area.sum() ** 2 * texel.sum())
-        return float(np.cbrt(area**2 * texel).sum() ** 3)
+        return filling_burden(settings, self.forecaster, self.model)
 
     def _selected(self, settings):
         """Settings, by interval where map selection gains nothing."""

@@ -329,7 +329,11 @@ def _look(renderer, scene, camera, sun, spent):
     # where nothing is in shadow no picture says which sides of casters are needed
     plain = not (judged & ~lit).any()
     casters = sample_casters(scene, light_gradients(sun))
-    sides = Sides(1.0) if plain else measure_sides(casters.lit_area, lit, judged, count, again)
+    sides = (
+        Sides(1.0, lit_area=casters.lit_area)
+        if plain
+        else measure_sides(casters.lit_area, lit, judged, count, again)
+    )
     casters = casters.thinned(frame.cascades)
 
     rows, columns = np.nonzero(facing)

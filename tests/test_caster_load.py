@@ -7,7 +7,8 @@ import csm
 from csm import shapes
 from csm.caster_load import sample_casters
 from csm.forecasts import GPU, CostModel, Forecaster, forecast_cost
-from csm.search import NEARLY_EQUAL, SIDE_LEAST, SIDE_STEP, USUAL, Search
+from csm.map_shares import LEAST_PART, NEARLY_EQUAL, SIDE_LEAST, SIDE_STEP
+from csm.search import Search
 from csm.settings import map_sizes
 from csm.signals import measure_signals
 from csm.spaces import light_gradients, transform_points
@@ -106,6 +107,18 @@ def test_every_instance_is_a_caster_of_its_own():
     assert area[1] == pytest.approx((1 + 1 + 4) * area[0], rel=1e-12)
 
 
+@pytest.mark.parametrize("count", [9500, 10_000, 20_000])
+def test_repeated_meshes_are_met_all_round(count):
+    """Twelve triangles a box: every twelfth or 24th of all would be one side of each of them."""
+    mesh = shapes.mesh("box", shapes.box((-0.5, 0, -0.5), (0.5, 1, 0.5)))
+    places = np.tile(np.eye(4), (count, 1, 1))
+    places[:, 0, 3] = 2.0 * np.arange(count)
+    casters = sample_casters(csm.Scene([mesh], np.zeros(count, int), places), light_gradients(SUN))
+    # one half, as of all that is closed: by 10 000 of its triangles, whose areas differ by half
+    # of their mean and more, thrown blindly a standard deviation of 1 %
+    assert casters.lit_area == pytest.approx(0.5, abs=0.03)
+
+
 def test_few_triangles_stand_for_all():
     """Of a forest, whose near windows hold a hundredth of it."""
     scene = csm.scenes.forest()
@@ -142,13 +155,13 @@ def test_no_other_sizes_make_maps_of_one_error_cheaper(stairs, model):
         if family.sizes.ndim == 1:
             continue
         sizes = family.sizes[-1]
-        free = sizes > SIDE_LEAST  # of which the others are the best that they may be
+        # of which the others are the best that they may be
+        free = (sizes > SIDE_LEAST) & (sizes > LEAST_PART * sizes.max() + SIDE_STEP)
         if free.sum() < 2:
             continue
         seen += 1
         area = told.displaced(family.arranged)[free]
-        usual = np.full(len(sizes), USUAL)
-        texel = model.texel_costs(family.arranged, told, usual)[free]
+        texel = model.usual_costs(family.arranged, told)[free]
         assert sizes.min() < (NEARLY_EQUAL + 0.05) * sizes.max()
         sizes = sizes[free]
         for _ in range(20):
@@ -157,7 +170,7 @@ def test_no_other_sizes_make_maps_of_one_error_cheaper(stairs, model):
             # sizes are whole steps: half of one changes the optimum's cost in second order alone
             slack = 1.0 + 6.0 * (SIDE_STEP / 2 / sizes.min()) ** 2
             assert (texel * sizes**2).sum() <= slack * (texel * other**2).sum()
-    assert seen > 3
+    assert seen > 1
 
 
 def test_forecasts_of_unequal_sizes_are_those_of_their_settings(stairs):
@@ -182,11 +195,15 @@ def test_unequal_maps_are_recommended_and_are_as_good_for_less(renderer, stairs)
     (reason,) = (one for one in found.reasons if one.effect == "storage")
     assert reason.taken
     assert reason.saves
-    assert reason.flipped.storage == "array"
+    assert (reason.flipped.storage, type(reason.flipped.map_size)) == ("array", int)
+    told = found.forecaster
+    assert told.aliasing(reason.flipped) == pytest.approx(told.aliasing(found.settings), rel=0.01)
+    layers = found.settings.replace(storage="array")
     truth = csm.truth(scene, camera, sun)
-    frames = [renderer.render(scene, camera, sun, one) for one in (found.settings, reason.flipped)]
+    frames = [renderer.render(scene, camera, sun, one) for one in (found.settings, layers)]
     assert np.array_equal(frames[0].mask, frames[1].mask)
-    assert csm.plans.map_bytes(found.settings) < csm.plans.map_bytes(reason.flipped)
+    for other in (layers, reason.flipped):
+        assert csm.plans.map_bytes(found.settings) < csm.plans.map_bytes(other)
     full = csm.ShadowSettings(cascade_count=8, fit="visible", snap="none")
     best = picture_error(renderer.render(scene, camera, sun, full), truth)
     # the knee allows 0.02 % as forecast; the issue 0.05 % as measured

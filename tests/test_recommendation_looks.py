@@ -12,7 +12,7 @@ from csm.coarse_look import positions_of
 from csm.forecasts import Forecaster
 from csm.horizons import ends_of, horizon_of
 from csm.sampling import surface_steps, uv_gradients
-from csm.search import KNEE_PIXELS, KNEE_SHARE
+from csm.search import KNEE_PIXELS, KNEE_SHARE, NO_MATTER
 from csm.settings import map_sizes
 from csm.signals import coarse_camera, measure_signals
 from csm.tracing import FACING
@@ -174,8 +174,8 @@ def test_what_a_kernel_leaves_out_of_penumbrae(floating, part):
     scene, _, width, signals = floating
     forecaster = Forecaster(signals, scene)
     settings = csm.ShadowSettings(cascade_count=1, fit="sphere", filter="pcss", filter_size=9)
-    # a sphere's texels are square
-    size = round(9 * 1e4 * forecaster.texel_sides(settings, 10000)[0] / (part * width))
+    # a sphere's texels are square, and its window has a border for the kernel
+    size = round(9 * 1e4 * forecaster.texel_sides(settings, 10000)[0] / (part * width)) + 10
     kernel = 9 * forecaster.texel_sides(settings, size)[0]
     assert kernel == pytest.approx(part * width, rel=0.02)
     expected = missed(width, kernel) / missed(width, 0.0)
@@ -184,7 +184,8 @@ def test_what_a_kernel_leaves_out_of_penumbrae(floating, part):
     whole = forecaster.expected(settings, size)
     assert (whole.error > whole.held) == (whole.left_out > 0.0) == (part < 1.0)
     half = forecaster.expected(settings, size, 5)
-    assert half.held == whole.held
+    # a narrower border leaves the window more texels: four of some hundreds
+    assert half.held == pytest.approx(whole.held, rel=4 / size)
     assert half.left_out > whole.left_out
 
 
@@ -228,8 +229,15 @@ def test_a_kernel_of_everything_on_excuses_no_coarser_texels(renderer):
     full, ours = (forecaster.expected(s) for s in (everything_on(sun), found.settings))
     margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
     assert full.left_out > margin  # its kernel is too narrow here
-    assert ours.held <= full.held + margin
-    assert ours.left_out <= max(full.left_out, 0.05 * forecaster.penumbra()) + margin
+    left = max(full.left_out, 0.05 * forecaster.penumbra()) + margin
+    held = [
+        one
+        for one in found._measured().candidates(found.cost_model)
+        if one.arranged.filter == "pcss"
+        and one.expected.held <= full.held + margin
+        and one.expected.left_out <= left
+    ]
+    assert ours.error <= min(held, key=lambda one: one.ms).error + NO_MATTER
     assert found.met
     assert found.forecast(found.settings).met
     coarser = found.settings.replace(map_size=tuple(one // 2 for one in map_sizes(found.settings)))

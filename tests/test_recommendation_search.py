@@ -24,7 +24,8 @@ def road():
 
 
 def test_a_warp_is_taken_where_it_makes_shadows_better(renderer, road):
-    scene, camera, sun = road
+    scene, _, sun = road
+    camera = scene.cameras["bridge"].replace(size=SIZE)
     signals = measure_signals(renderer, scene, [camera], [sun])
     search = Search(signals, scene, NO_GOAL, 16384, GPU)
     assert search.choose(GPU).settings.warp == "lispsm"
