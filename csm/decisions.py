@@ -15,7 +15,7 @@ import numpy as np
 from .arrangements import USUAL
 from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
 from .forecasts import CostModel
-from .map_shares import NEARLY_EQUAL, equal_side, size_parts, unequal_sizes
+from .map_shares import WORTH, equal_side, size_parts, texels_spared, unequal_sizes
 from .plans import map_bytes
 from .settings import ShadowSettings, map_sizes, maps_text
 
@@ -592,9 +592,7 @@ TABLE = (
     Decision(
         effect="storage",
         calls_for="cascades of which some miss more than others for what their texels cost",
-        threshold=(
-            f"sizes that differ by {_percent(1.0 - NEARLY_EQUAL)}, and cost less; never in motion"
-        ),
+        threshold=(f"equal maps as good have {WORTH:g} times the texels; never in motion"),
         source="forecast: csm/map_shares.py; layers are all as large: docs/numerics.md 24",
         cost="nothing: tiles of an atlas, few pixels rounded otherwise",
         taken=lambda at: at.settings.storage != "array",
@@ -649,12 +647,10 @@ def _split_gain(at):
 
 def _beside_equal(at):
     """What maps of unequal sizes save beside equal ones of the same error."""
-    side = equal_side(at.settings, at.forecaster)
+    side, spared = (one(at.settings, at.forecaster) for one in (equal_side, texels_spared))
     if side is None:
         return ""
-    sides = np.asarray(at.settings.map_size, float)
-    ratio = len(sides) * side**2 / np.square(sides).sum()
-    return f"; equal maps as good are {side:.0f}², {ratio:.2g} times the texels"
+    return f"; equal maps as good are {side:.0f}², {spared:.3g} times the texels"
 
 
 def _other_warp(at):

@@ -25,6 +25,10 @@ NOTHING = 1e-3
 # Measured over forecast errors: of broad casters, and what thin ones add, whose shadows a quarter
 # of the picture does not resolve and a coarse map loses altogether.
 EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
+# Of maps of unequal sizes measured over forecast errors, beside equal ones of the same forecast: of
+# 75 real and made views equal ones were better by 1.7 % (median; quartiles -6 and +1 %). Edges that
+# are far away are not all seen in the coarse picture.
+UNEQUAL = 1.03
 
 
 #: Fields of settings that move no window.
@@ -97,6 +101,9 @@ class Forecaster:
                 moved = known.moved / _size_at(settings, map_size, known.edge_cascade, filter_size)
                 area += (view.edge_lengths * np.minimum(moved, FARTHEST)).sum(axis=-1)
         factor = EDGE_FACTOR + THIN_FACTOR * self.signals.thin_share
+        sizes = map_sizes(settings) if map_size is None else map_size
+        if np.ndim(map_size) == 2 or (map_size is None and len(set(sizes)) > 1):
+            factor *= UNEQUAL
         return factor * area / pixels if pixels else 0.0
 
     def error(self, settings, map_size=None):

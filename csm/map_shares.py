@@ -8,10 +8,13 @@ misses' square, and those of equal maps ``(sum a)² sum w``.
 
 import numpy as np
 
-__all__ = ["equal_side", "filling_burden", "size_parts", "unequal_sizes"]
+from .forecasts import UNEQUAL
+
+__all__ = ["equal_side", "filling_burden", "size_parts", "texels_spared", "unequal_sizes"]
 
 SIDE_STEP, SIDE_LEAST = 16, 256  # of sides: whole steps of texels, and the least
-NEARLY_EQUAL = 0.85  # of the largest: closer ones are equal
+#: Times the texels that equal maps as good must take, if unequal ones are to be considered.
+WORTH = 1.25
 #: Of the largest. Smaller maps are forecast to be better still, and were not: of 33 real views
 #: with parts down to 0.05 the recommendation took 0.56 of everything on's time, with 0.35 and 0.5
 #: 0.53. The coarse picture does not show all edges that are far away.
@@ -33,10 +36,12 @@ def size_parts(settings, forecaster, model):
     parts : (n,) float64 or None
         Of the largest; None where equal maps are nearly as good.
     """
-    parts = np.cbrt(forecaster.displaced(settings) / model.usual_costs(settings, forecaster))
-    if not parts.max() > 0.0 or parts.min() > NEARLY_EQUAL * parts.max():
+    area = forecaster.displaced(settings)
+    if not area.max() > 0.0:
         return None
-    return np.maximum(parts / parts.max(), LEAST_PART)
+    parts = np.cbrt(area / model.usual_costs(settings, forecaster))
+    parts = np.maximum(parts / parts.max(), LEAST_PART)
+    return parts if _texels_spared(area, parts) >= WORTH else None
 
 
 def unequal_sizes(parts, largest):
@@ -59,8 +64,22 @@ def unequal_sizes(parts, largest):
 def equal_side(settings, forecaster):
     """Side of equal maps that miss what unequal ones do [texels]; None where nothing is missed."""
     area = forecaster.displaced(settings)
-    missed = (area / np.asarray(settings.map_size, float)).sum()
-    return float(area.sum() / missed) if missed > 0.0 else None
+    return _equal_side(area, np.asarray(settings.map_size, float)) if area.max() > 0.0 else None
+
+
+def texels_spared(settings, forecaster):
+    """How many times the texels of unequal maps equal ones as good have; None as `equal_side`."""
+    area = forecaster.displaced(settings)
+    sides = np.asarray(settings.map_size, float)
+    return _texels_spared(area, sides) if area.max() > 0.0 else None
+
+
+def _equal_side(area, sides):
+    return float(area.sum() / (UNEQUAL * (area / sides).sum()))
+
+
+def _texels_spared(area, sides):
+    return len(sides) * _equal_side(area, sides) ** 2 / float(np.square(sides).sum())
 
 
 def filling_burden(settings, forecaster, model):

@@ -147,7 +147,9 @@ def test_soft_shadows_are_taken_where_only_they_reach_the_error_asked_for(render
     camera = camera.replace(size=(64, 36))
     hard = csm.recommend(scene, camera, sun, max_error=0.5, renderer=renderer)
     assert hard.settings.filter == "hard"
-    asked = 0.9 * hard.forecast(hard.settings.replace(cascade_count=6, map_size=4096)).error
+    search = Search(hard.signals, scene, NO_GOAL, 16384)
+    assert {one.arranged.filter for one in search.families} == {"hard"}
+    asked = 0.9 * min(one.error for one in search.candidates(CostModel()))
     found = csm.recommend(scene, camera, sun, max_error=asked, renderer=renderer)
     assert found.settings.filter == "pcss"
     assert found.met
