@@ -41,7 +41,7 @@ def gathered(paths):
 
 def machine(line):
     """What ran a case."""
-    shared = f", {line['processes']} processes at once" if line["processes"] > 1 else ""
+    shared = f", {line['processes']} processes at once" if line["processes"] != 1 else ""
     return (
         f"{line['driver']} on {line['cores']} cores{shared}, {line['size'][0]} x {line['size'][1]}"
     )

@@ -5,8 +5,8 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from .forecasts import CostModel, forecast_cost
-from .search import Candidate, cheapest, finest
+from .candidates import Candidate, cheapest, finest
+from .costs import CostModel, forecast_cost
 from .timing import total_ms
 
 __all__ = ["choose_timed", "corrected", "frame_times", "within_budget"]

@@ -52,6 +52,7 @@ from .tracing import truth
 __all__ = ["main"]
 
 BAD_INPUT = 2
+PIPE_CLOSED = 141  # 128 + SIGPIPE
 OUTPUTS = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
 
 RENDER_HELP = f"""\
@@ -109,14 +110,20 @@ def main(arguments=None):
     Returns
     -------
     status : int
-        0 done, 1 a check or a hard case failed, 2 bad input, 130 interrupted.
+        0 done, 1 a check or a hard case failed, 2 bad input, 130 interrupted, 141 the reader of
+        what is printed has gone.
     """
     arguments = sys.argv[1:] if arguments is None else list(arguments)
     try:
         options = _parser().parse_args(_joined(arguments))
         with warnings.catch_warnings():
             warnings.showwarning = _say
-            return options.run(options) or 0
+            status = options.run(options) or 0
+            sys.stdout.flush()
+            return status
+    except BrokenPipeError:  # who reads has enough, as under head
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # for the flush at the end
+        return PIPE_CLOSED
     except SystemExit as stop:  # argparse: help and version with 0, refusals with 2
         return stop.code
     except KeyboardInterrupt:

@@ -14,7 +14,7 @@ import numpy as np
 
 from .arrangements import USUAL
 from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
-from .forecasts import CostModel
+from .costs import CostModel
 from .map_shares import WORTH, equal_side, size_parts, texels_spared, unequal_sizes
 from .plans import map_bytes
 from .settings import ShadowSettings, map_sizes, maps_text

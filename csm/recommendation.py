@@ -9,18 +9,19 @@ import numpy as np
 
 from .budgets import within_budget
 from .camera import Camera
+from .candidates import cheapest, finest
 from .cascades import check_kinds, fit_cascades
+from .costs import CostModel, cost_model_of
 from .decisions import TABLE
 from .digests import scene_digest
 from .export import export_settings
-from .forecasts import CostModel, cost_model_of
 from .formats import Recorded
 from .plans import map_bytes
 from .record_rules import GOAL_RANGES
 from .records import known_scene, plain_values, read_values
 from .renderer import Renderer
 from .scene import Scene
-from .search import Forecast, Search, cheapest, finest
+from .search import Forecast, Search
 from .settings import ShadowSettings, maps_text
 from .signals import Signals, measure_signals
 from .spaces import as_number
@@ -136,7 +137,7 @@ class Recommendation(Recorded):
 
     @property
     def cost_model(self):
-        """`csm.forecasts.CostModel` of the milliseconds; None when it was read from a file."""
+        """`csm.costs.CostModel` of the milliseconds; None when it was read from a file."""
         return self._model
 
     @property
@@ -334,11 +335,12 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
     """Settings with only the effects that a scene, seen by a camera under a sun, calls for.
 
     A few coarse renders are measured, nothing is traced; every effect is taken or left out by a
-    row of `csm.decisions.TABLE`; number, size and splits of the maps are the cheapest whose
+    row of `csm.decisions.TABLE`; number, sizes and splits of the maps are the cheapest whose
     forecast is on the goal's side. With neither goal it is the knee: the cheapest settings to which
     everything switched on (`csm.verification.everything_on`) is forecast to add no more than 0.02 %
     of the pixels or 2 % of the error, kernels of soft shadows aside; these may leave out no more of
-    penumbrae than its own, or 5 %.
+    penumbrae than its own, or 5 %; or what costs at most 1 % of everything on's time more, and has
+    fewer effects or less error.
 
     Parameters
     ----------

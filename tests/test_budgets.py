@@ -7,7 +7,7 @@ import pytest
 
 import csm
 from csm.budgets import ROUNDS, TIMED, _fitted, _reaches, _timed, choose_timed, within_budget
-from csm.forecasts import CostModel, forecast_cost
+from csm.costs import CostModel, forecast_cost
 from csm.search import STEPS, Search
 from csm.settings import map_sizes
 from csm.signals import measure_signals

@@ -8,7 +8,8 @@ import pytest
 import csm
 from csm import shapes
 from csm.caster_load import sample_casters
-from csm.forecasts import GPU, CostModel, Forecaster, forecast_cost
+from csm.costs import GPU, CostModel, forecast_cost
+from csm.forecasts import Forecaster
 from csm.map_shares import LEAST_PART, SIDE_LEAST, SIDE_STEP, WORTH, texels_spared
 from csm.search import NEARLY_FREE, NO_MATTER, Search
 from csm.settings import map_sizes
@@ -256,7 +257,8 @@ def test_unequal_maps_are_recommended_and_are_as_good_for_less(renderer):
     layers = found.settings.replace(storage="array")
     truth = csm.truth(scene, camera, sun)
     frames = [renderer.render(scene, camera, sun, one) for one in (found.settings, layers)]
-    assert np.array_equal(frames[0].mask, frames[1].mask)
+    # corners are snapped to sub-texels of another target: docs/numerics.md 31
+    assert (frames[0].mask != frames[1].mask).mean() <= 1e-3
     for other in (layers, reason.flipped):
         assert csm.plans.map_bytes(found.settings) < csm.plans.map_bytes(other)
     full = csm.ShadowSettings(cascade_count=8, fit="visible", snap="none")

@@ -9,7 +9,7 @@ from paths import SIZE, path, step
 
 import csm
 from csm.budgets import corrected
-from csm.forecasts import CostModel
+from csm.costs import CostModel
 
 SUN = csm.Sun((0.35, 0.8, 0.5))
 MASK = ("mask",)

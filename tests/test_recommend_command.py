@@ -1,6 +1,8 @@
 """Paths on the command line: csm recommend with several cameras, several suns, or both."""
 
 import json
+import subprocess
+import sys
 
 import pytest
 
@@ -23,6 +25,15 @@ def told(capsys, *words):
     capsys.readouterr()
     assert cli.main([*WORDS, *words, "--json"]) == 0
     return json.loads(capsys.readouterr().out)
+
+
+def test_a_reader_that_has_gone_is_no_error():
+    words = [sys.executable, "-m", "csm", *WORDS]
+    with subprocess.Popen(words, stdout=subprocess.PIPE, stderr=subprocess.PIPE) as command:
+        command.stdout.close()  # as head does when it has its lines
+        said = command.stderr.read()
+        assert command.wait() == 141
+    assert b"rror" not in said
 
 
 def test_cameras_in_a_row_are_a_path(capsys):

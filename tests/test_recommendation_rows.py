@@ -20,8 +20,9 @@ from csm.caster_sides import (
     measure_sides,
 )
 from csm.coarse_look import outline_of
+from csm.costs import CostModel, forecast_cost
 from csm.decisions import TABLE, TAPS
-from csm.forecasts import CostModel, Forecaster, forecast_cost
+from csm.forecasts import Forecaster
 from csm.recommendation import Reasons, obstacle_of
 from csm.search import Search
 from csm.signals import measure_signals

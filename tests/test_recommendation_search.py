@@ -8,7 +8,8 @@ import pytest
 
 import csm
 from csm import shapes
-from csm.forecasts import GPU, CostModel, Forecaster, cost_model_of, forecast_cost
+from csm.costs import GPU, CostModel, cost_model_of, forecast_cost
+from csm.forecasts import Forecaster
 from csm.search import Search
 from csm.signals import measure_signals
 from csm.verification import picture_error

@@ -1,0 +1,107 @@
+"""Settings that are considered, and what is forecast of them."""
+
+from dataclasses import dataclass, field
+from functools import cached_property
+
+import numpy as np
+
+from .decisions import is_default_split
+from .forecasts import Expected
+from .settings import ShadowSettings, map_sizes
+
+__all__ = ["Candidate", "Family", "cheapest", "finest"]
+
+
+@dataclass(frozen=True)
+class Candidate:
+    """An arrangement of windows with maps of one size, and what is forecast of it.
+
+    Attributes
+    ----------
+    arranged : ShadowSettings
+        All but the size of the maps and what hangs on it.
+    map_size : int or tuple of int
+    error, ms : float
+    changes : dict
+        Size, and what hangs on it.
+    expected : Expected
+        The error in its parts.
+    """
+
+    arranged: ShadowSettings = field(repr=False)
+    map_size: int | tuple[int, ...]
+    error: float
+    ms: float
+    changes: dict = field(default_factory=dict, repr=False)
+    expected: Expected = field(default=None, repr=False)
+
+    @cached_property
+    def settings(self):
+        """The whole of them; made when they are asked for, since most never are."""
+        return self.arranged.replace(**self.changes)
+
+    @property
+    def texels(self):
+        """Of all maps."""
+        return sum(side**2 for side in map_sizes(self.settings))
+
+
+@dataclass(frozen=True, eq=False)
+class Family:
+    """Candidates of one arrangement and filter, one a size.
+
+    Attributes
+    ----------
+    arranged : ShadowSettings
+    sizes : (k,) or (k, n) int
+        Of all maps, or of each.
+    changes : dict
+        Lists of as many values: sizes, and what hangs on them.
+    expected : Expected
+        Of arrays (k,).
+    """
+
+    arranged: ShadowSettings
+    sizes: np.ndarray
+    changes: dict
+    expected: Expected
+
+    @property
+    def texels(self):
+        """Of all maps (k,)."""
+        squares = np.square(self.sizes.astype(float))
+        if squares.ndim == 1:
+            return squares * self.arranged.cascade_count
+        return squares.sum(axis=1)
+
+    @property
+    def effects(self):
+        """How many effects they take that plain maps do without."""
+        settings = self.arranged
+        return (
+            (settings.warp != "none")
+            + settings.turned
+            + (not is_default_split(settings))
+            + (self.sizes.ndim == 2)
+        )
+
+    def candidate(self, row, ms):
+        """One of them, with its cost."""
+        told = self.expected
+        expected = Expected(
+            float(told.error[row]), float(told.held[row]), float(told.left_out[row])
+        )
+        changes = {name: values[row] for name, values in self.changes.items()}
+        return Candidate(
+            self.arranged, changes["map_size"], expected.error, float(ms), changes, expected
+        )
+
+
+def cheapest(candidate):
+    """Sort by cost, then by error."""
+    return candidate.ms, candidate.error, candidate.texels
+
+
+def finest(candidate):
+    """Sort by error, then by cost."""
+    return candidate.error, candidate.ms, candidate.texels
