@@ -14,7 +14,7 @@ __all__ = ["Candidate", "Family", "cheapest", "finest"]
 
 @dataclass(frozen=True)
 class Candidate:
-    """An arrangement of windows with maps of one size, and what is forecast of it.
+    """An arrangement of windows with maps of some sizes, and what is forecast of it.
 
     Attributes
     ----------

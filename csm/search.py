@@ -106,7 +106,7 @@ class Search:
         Returns
         -------
         candidates : list of Candidate
-            Of some thousands.
+            Some hundreds.
         """
         costs = self._costs(model)
         return [self._candidate(at, costs) for at in np.flatnonzero(self._allowed)]

@@ -56,6 +56,8 @@ def thrown(cascades, corners, cut, points=POINTS):
     away = normals @ SUN.to_light < 0.0
     for i in range(cascades.count):
         uv = transform_points(cascades.uvz_from_world[i], corners)[..., :2]
+        over = (uv.max(axis=1) > 0).all(axis=1) & (uv.min(axis=1) < 1).all(axis=1)
+        uv = uv[over]
         p = rng.uniform(size=(points, 1, 2))
         sides = []
         for k in range(3):
@@ -66,7 +68,9 @@ def thrown(cascades, corners, cut, points=POINTS):
         inside = (sides > 0).all(axis=0) | (sides < 0).all(axis=0)
         for side in (0, 1):
             for kind in (0, 1):
-                layers[i, side, kind] = inside[:, (away == side) & (cut == kind)].sum() / points
+                layers[i, side, kind] = (
+                    inside[:, (away == side)[over] & (cut == kind)[over]].sum() / points
+                )
     return layers
 
 
