@@ -573,3 +573,15 @@ def test_errors_of_shaders_tell_of_the_alpha_test(fresh_renderer, tmp_path):
     with pytest.raises(csm.ShaderError, match=r"cutout\.glsl") as caught:
         renderer.render(on_ground(level()), view(), SUN, SMALL)
     assert "#define CSM_ALPHA_TEST 1" in caught.value.defines
+
+
+def test_a_ray_from_the_origin_through_a_hole_there_goes_on():
+    """The first ray starts at the scene's origin: steps by a share of nothing never ended."""
+    alpha = np.full((3, 3), 255, np.uint8)
+    alpha[1, 1] = 0
+    corners, uv = [[-1, -1, 0], [1, -1, 0], [1, 1, 0], [-1, 1, 0]], [[0, 0], [1, 0], [1, 1], [0, 1]]
+    card = csm.Mesh(corners, [[0, 1, 2], [0, 2, 3]], uv=uv, alpha=alpha)
+    camera = csm.Camera.look_at((0, 0, 3), (0, 0, 0), size=(9, 9), fov_y_deg=30)
+    valid = csm.truth(csm.Scene([card]), camera, csm.Sun((0.3, 1, 1))).valid
+    assert valid[4, 0]
+    assert not valid[4, 4], "the hole is in the middle"

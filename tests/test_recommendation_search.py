@@ -8,6 +8,7 @@ import pytest
 
 import csm
 from csm import shapes
+from csm.arguments import find_cameras
 from csm.costs import GPU, CostModel, cost_model_of, forecast_cost
 from csm.forecasts import Forecaster
 from csm.search import Search
@@ -168,3 +169,29 @@ def test_orthographic_sky_is_no_receiver_and_one_map_is_not_split(renderer):
     if found.settings.cascade_count == 1:
         (reason,) = (one for one in found.reasons if one.effect == "split")
         assert not reason.taken
+
+
+def test_even_splits_that_are_all_a_camera_allows_are_no_choice(renderer):
+    camera = csm.Camera.orthographic(
+        (0, 6, 30), (0, 0, 0), height=12, near=-5, far=400, size=(320, 180)
+    )
+    found = csm.recommend(csm.scenes.wires(), camera, csm.Sun((1, 0.2, 0.1)), renderer=renderer)
+    assert found.settings.cascade_count > 1
+    assert found.settings.split == "uniform"
+    (reason,) = (one for one in found.reasons if one.effect == "split")
+    assert not reason.taken
+    assert reason.flipped is None
+
+
+def test_a_path_is_biased_unless_its_back_sides_cast(renderer):
+    """One view of it had asked what back sides gain, and one had no need to."""
+    scene, sun = csm.scenes.plane_and_box(), csm.Sun.from_compass(90, 45)
+    words = [f"eye={x},4.5,8,target=0,0.5,0" for x in (6, 6.03)]
+    path = find_cameras(scene, words, (160, 90))
+    found = csm.recommend(scene, path, sun, renderer=renderer)
+    assert found.settings.bias == "auto" or found.settings.caster_faces == "back"
+    for camera in path:
+        error = picture_error(
+            renderer.render(scene, camera, sun, found.settings), csm.truth(scene, camera, sun)
+        )
+        assert error < 0.002, "half of the ground was striped with shadow"
