@@ -7,7 +7,7 @@ import numpy as np
 
 from .decisions import is_default_split
 from .forecasts import Expected
-from .settings import ShadowSettings, map_sizes
+from .settings import ShadowSettings, map_texels
 
 __all__ = ["Candidate", "Family", "cheapest", "finest"]
 
@@ -43,7 +43,7 @@ class Candidate:
     @property
     def texels(self):
         """Of all maps."""
-        return sum(side**2 for side in map_sizes(self.settings))
+        return map_texels(self.settings)
 
 
 @dataclass(frozen=True, eq=False)

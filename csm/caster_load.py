@@ -15,8 +15,8 @@ __all__ = ["Casters", "Load", "sample_casters"]
 
 SAMPLED = 10_000  # triangles that are looked at
 KEPT = 300  # of each class of them, see `thinned`
-GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 LARGEST = 75  # of those, that count for none but themselves
+GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
 @dataclass(frozen=True, eq=False)

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from .arrangements import USUAL
-from .settings import map_sizes
+from .forecasts import sides_of
 
 __all__ = ["GPU", "CostModel", "cost_model_of", "forecast_cost"]
 
@@ -101,10 +101,7 @@ class CostModel:
             others += self.turned_pixel * pixels if settings.turned else 0.0
         if settings.split == "sdsm":
             others += self.range_pixel * pixels
-        sides = map_sizes(settings) if map_size is None else map_size
-        sides = np.asarray(sides, float)
-        if map_size is not None and sides.ndim < 2:
-            sides = sides[..., None]
+        sides = sides_of(settings, map_size)
         sides = np.broadcast_to(sides, (*sides.shape[:-1], count))
         maps = (np.square(sides) / 1e6 * self.texel_costs(settings, forecaster, sides)).sum(axis=-1)
         load = forecaster.load(settings)

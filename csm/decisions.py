@@ -17,7 +17,7 @@ from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
 from .costs import CostModel
 from .map_shares import WORTH, equal_side, size_parts, texels_spared, unequal_sizes
 from .plans import map_bytes
-from .settings import ShadowSettings, map_sizes, maps_text
+from .settings import ShadowSettings, map_sizes, map_texels, maps_text
 
 __all__ = [
     "COUNTS",
@@ -257,7 +257,7 @@ def _rearranged(at, **changes):
     settings = at.settings
     if not isinstance(settings.map_size, tuple):
         return changes
-    texels = sum(side**2 for side in settings.map_size)
+    texels = map_texels(settings)
     other = settings.replace(**changes, map_size=USUAL, storage="array")
     parts = None
     if other.cascade_count > 1:

@@ -9,7 +9,7 @@ import numpy as np
 from .arrangements import FARTHEST, USUAL, arrange, narrowest
 from .settings import ShadowSettings, map_sizes
 
-__all__ = ["Expected", "Forecaster"]
+__all__ = ["Expected", "Forecaster", "sides_of"]
 
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
 DISC = 2.0 / (3.0 * math.pi)
@@ -292,10 +292,8 @@ class Forecaster:
         """Longer side of a texel of each cascade that receivers take (n,), or (k, n) [m]."""
         windows = self._taken(0, settings).windows
         wide = windows > NOTHING * windows.max()
-        sizes = np.asarray(map_sizes(settings) if map_size is None else map_size, float)
-        if sizes.ndim == 1 and map_size is not None:
-            sizes = sizes[:, None]
-        return (windows / _inside(settings, sizes, filter_size))[..., wide]
+        sides = sides_of(settings, map_size)
+        return (windows / _inside(settings, sides, filter_size))[..., wide]
 
     def has_idle_cascades(self, settings):
         """Whether a cascade has no receivers in any view.
@@ -364,6 +362,25 @@ class Forecaster:
 
 #: What of settings moves windows.
 _key = attrgetter(*(one.name for one in fields(ShadowSettings) if one.name not in WITHOUT_WINDOWS))
+
+
+def sides_of(settings, map_size=None):
+    """Sides of the maps of settings, or of other sizes of all of them or of each.
+
+    Parameters
+    ----------
+    settings : ShadowSettings
+    map_size : int, (k,) or (k, n) int, optional
+
+    Returns
+    -------
+    sides : (n,), (1,), (k, 1) or (k, n) float64
+        To be met with as many values as there are cascades [texels].
+    """
+    if map_size is None:
+        return np.asarray(map_sizes(settings), float)
+    sides = np.asarray(map_size, float)
+    return sides if sides.ndim == 2 else sides[..., None]
 
 
 def _size_at(settings, map_size, cascade, filter_size=None):

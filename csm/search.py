@@ -26,7 +26,7 @@ from .decisions import (
 from .forecasts import Expected, Forecaster
 from .map_shares import filling_burden, size_parts, unequal_sizes
 from .plans import map_bytes
-from .settings import ShadowSettings, map_sizes
+from .settings import ShadowSettings, map_texels
 from .verification import everything_on
 
 __all__ = ["Forecast", "Search"]
@@ -89,6 +89,7 @@ class Search:
         self.model = CostModel() if model is None else model
         self.forecaster = Forecaster(signals, scene)
         self._largest, self._burdens = largest, {}
+        self._known_costs, self._known_knees = {}, {}
 
     @property
     def most_bytes(self):
@@ -218,12 +219,14 @@ class Search:
 
     def _costs(self, model):
         """Forecast of every candidate (m,) [ms]."""
-        return np.concatenate([
-            np.broadcast_to(
-                forecast_cost(one.arranged, self.forecaster, model, one.sizes), len(one.sizes)
-            )
-            for one in self.families
-        ])  # fmt: skip
+        if model not in self._known_costs:
+            self._known_costs[model] = np.concatenate([
+                np.broadcast_to(
+                    forecast_cost(one.arranged, self.forecaster, model, one.sizes), len(one.sizes)
+                )
+                for one in self.families
+            ])  # fmt: skip
+        return self._known_costs[model]
 
     def _candidate(self, at, costs):
         number, row = self._places[at]
@@ -259,7 +262,7 @@ class Search:
         if budget is not None:
             affordable &= costs <= reach
         for settings in without:
-            alike = affordable & (texels == sum(side**2 for side in map_sizes(settings)))
+            alike = affordable & (texels == map_texels(settings))
             for at in np.flatnonzero(alike):
                 affordable[at] = self._candidate(at, costs).settings != settings
         if not affordable.any():
@@ -291,6 +294,8 @@ class Search:
         off excuses no coarser texels. But what errs no more, all in all, than the cheapest of
         those is as good as they are.
         """
+        if (called_for, model) in self._known_knees:  # a path asks about every candidate
+            return self._known_knees[called_for, model]
         full = self.forecaster.expected(self._everything_on(called_for))
         margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
         held = full.held + margin
@@ -301,9 +306,13 @@ class Search:
         if among.any():
             rows = np.flatnonzero(among)
             most = float(self._column("error")[rows[self._costs(model)[rows].argmin()]])
-        return lambda expected: (
-            (expected.held <= held) & (expected.left_out <= left_out) | (expected.error <= most)
-        )
+
+        def enough(expected):
+            texels = (expected.held <= held) & (expected.left_out <= left_out)
+            return texels | (expected.error <= most)
+
+        self._known_knees[called_for, model] = enough
+        return enough
 
     def _filtered_by(self, name):
         """Which candidates have a filter (m,)."""

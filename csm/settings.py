@@ -500,6 +500,11 @@ def map_sizes(settings):
     return (sizes,) * settings.cascade_count if isinstance(sizes, int) else sizes
 
 
+def map_texels(settings):
+    """Texels of all maps together."""
+    return sum(side**2 for side in map_sizes(settings))
+
+
 def maps_text(settings):
     """Maps in a few words: "4 x 2048²", or "2880² + 1152² + 512²" where sizes differ."""
     sizes = map_sizes(settings)

@@ -328,7 +328,8 @@ def _look(renderer, scene, camera, sun, spent):
 
     # where nothing is in shadow no picture says which sides of casters are needed
     plain = not (judged & ~lit).any()
-    casters = sample_casters(scene, light_gradients(sun))
+    axes = light_gradients(sun)
+    casters = sample_casters(scene, axes)
     sides = (
         Sides(1.0, lit_area=casters.lit_area)
         if plain
@@ -345,7 +346,7 @@ def _look(renderer, scene, camera, sun, spent):
         spend(fine)
         parts.append(positions_of(part, fine.view_depth, *np.nonzero(_facing(fine, sun))))
     held = np.concatenate(parts)
-    outline = outline_of(held, (held - camera.eye) @ -camera.backward, light_gradients(sun))
+    outline = outline_of(held, (held - camera.eye) @ -camera.backward, axes)
     stride = max(1, -(-len(rows) // RECEIVERS))
     rows, columns = rows[::stride], columns[::stride]
     receivers = positions_of(small, frame.view_depth, rows, columns)
