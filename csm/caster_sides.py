@@ -37,7 +37,8 @@ class Sides:
     back : float
         That change when back sides alone cast; 1 where it was not asked.
     bias : float
-        That change when, besides, nothing is biased; 1 where it was not asked.
+        That change when, besides, nothing is biased; 0 where it was not asked, since `back` is
+        small, or loses shadows, without a bias.
     gain : float
         Of the pixels that coarse maps get wrong against finer ones, the share that back sides
         spare; 0 where it was not asked.
@@ -47,7 +48,7 @@ class Sides:
 
     front: float
     back: float = 1.0
-    bias: float = 1.0
+    bias: float = 0.0
     gain: float = 0.0
     lit_area: float = 0.5
 
@@ -105,14 +106,17 @@ def measure_sides(lit_area, lit, judged, count, again):
         # casters that front sides do not close, back sides do not close either
         if front > FACES_SHARE or (front == 0.0 and lit_area <= LIT_MOST):
             return Sides(front, lit_area=lit_area)
-    behind = again(caster_faces="back")
-    back, gain = share(lit, behind), 0.0
-    # what back sides alone lose can be what maps that are too coarse shadow by themselves
-    if FACES_SHARE < back <= FEW:
+    behind = again(caster_faces="back", bias="manual")
+    back, bias, gain = share(lit, behind), 0.0, 0.0
+    # a bias gives light, and no shadow: where too many are lost, it is not asked
+    if share(lit, lit | behind) <= FACES_SHARE < back:
+        biased = again(caster_faces="back")
+        bias, behind = share(behind, biased), biased
+        back = share(lit, behind)
+    # What back sides alone lose can be what maps that are too coarse shadow by themselves. Of
+    # closed solids it is contacts: of 14 real and made pairs with front sides none gained a tenth.
+    if lit_area > LIT_NEARLY_ALL and FACES_SHARE < back <= FEW:
         exact = again(finer=FINER)
         wrong = share(lit, exact)
         gain = max(0.0, 1.0 - share(behind, exact) / wrong) if wrong else 0.0
-    if best_sides(front, back, gain, lit_area) != "back":
-        return Sides(front, back, 1.0, gain, lit_area)
-    bias = share(behind, again(caster_faces="back", bias="manual"))
     return Sides(front, back, bias, gain, lit_area)

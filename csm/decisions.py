@@ -569,7 +569,8 @@ TABLE = (
             f"slope {at.signals.slope_percentiles[0]:.2g}, 99 % below "
             f"{at.signals.slope_percentiles[2]:.2g}: {1e3 * _needed_bias(at):.2g} mm at the median"
             if at.settings.bias == "auto"
-            else f"{_percent(at.signals.bias_matters)} change: far sides cast, and need none"
+            else f"{_percent(at.signals.faces_matter + at.signals.bias_matters)} change: "
+            "far sides cast, and need none"
         ),
         flipped=lambda at: {"bias": "manual" if at.settings.bias == "auto" else "auto"},
     ),

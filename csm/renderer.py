@@ -255,13 +255,13 @@ class Renderer:
             them every point is biased as if tilted 45 degrees to the light: steeper surfaces then
             shadow themselves (29 % of the points under a sun at 3 degrees, 0.2 % with normals).
         reuse : {"never", "same", "scrolled"}
-            What of the maps of the renderer's last render may serve again, if that was one that
-            allowed it, of the same scene with the same settings (docs/numerics.md 33). ``"same"``:
-            maps whose matrices did not change are kept, and casters that they lack are drawn into
-            them; the mask is the same to the bit. ``"scrolled"``: where a map moved by whole
-            texels, also the part that was drawn before, if that costs less; depths then differ by
-            the rasteriser's snapping. ``info["reuse"]`` says for every map what was done.
-            `Director` does this along a path.
+            What of the renderer's last render may serve again (docs/numerics.md 33): what the
+            camera sees, if scene and camera are the same; maps, if the render allowed it, too, and
+            was of the same scene with the same settings. ``"same"``: maps whose matrices did not
+            change are kept, and casters that they lack are drawn into them; the mask is the same to
+            the bit. ``"scrolled"``: where a map moved by whole texels, also the part that was drawn
+            before, if that costs less; depths then differ by the rasteriser's snapping.
+            ``info["reuse"]`` says for every map what was done. `Director` does this along a path.
 
         Returns
         -------

@@ -207,8 +207,8 @@ class Signals:
     faces_matter : float
         Share of them that change when back sides alone cast; 1, unmeasured, where front sides do.
     bias_matters : float
-        Share of them that change when, besides, nothing is biased; 1, unmeasured, where back sides
-        alone will not do.
+        Share of them that change when, besides, nothing is biased; 0, unmeasured, where
+        `faces_matter` is small, or shadows are lost, without a bias.
     back_gain : float
         Of the pixels that the coarse maps get wrong, against finer ones, the share that back sides
         alone spare; 0 where that was not asked.
@@ -322,7 +322,8 @@ def _look(renderer, scene, camera, sun, spent):
 
     def again(finer=1, **changes):
         settings = probe.replace(map_size=finer * PROBE.map_size, **changes)
-        other = renderer.render(scene, small, sun, settings, outputs=("mask",))
+        # what the camera sees stays, so that maps alone are drawn anew
+        other = renderer.render(scene, small, sun, settings, outputs=("mask",), reuse="same")
         spend(other)
         return other.mask >= LIT
 

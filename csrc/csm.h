@@ -323,6 +323,9 @@ typedef struct csm_camera {
     bool orthographic;
 } csm_camera;
 
+/* Whether two cameras are equal to the bit. */
+bool csm_camera_equal(const csm_camera *one, const csm_camera *other);
+
 /* Finite, orthonormal to 1e-9, far > near (> 0 if perspective), positive extents and pixels. */
 csm_status csm_camera_validate(const csm_camera *camera, csm_error *err);
 

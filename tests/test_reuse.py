@@ -20,7 +20,7 @@ MASK = ("mask",)
 
 
 def actions_of(frame):
-    return [one["action"] for one in frame.info["reuse"]]
+    return [one["action"] for one in frame.info.get("reuse", [])]
 
 
 class Pair:
@@ -216,6 +216,72 @@ class TestForgotten:
                 pair.scene, self.camera, SUN, pair.settings, outputs=outputs, reuse="same"
             )
         self.check(pair, "draw")
+
+
+# -- the view --------------------------------------------------------------------------------------
+
+
+class TestViewIsKept:
+    camera = small_scenes.camera(0, size=SIZE)
+    every = ("mask", "valid", "view_depth", "normal", "cascade_index")
+
+    def check(self, pair, kept, **more):
+        ours = pair.assert_equal(more.pop("camera", self.camera), outputs=self.every, **more)
+        assert ("view" not in ours.timings_ms) == kept
+
+    def pair(self, renderers):
+        pair = Pair(renderers, small_scenes.soup(), csm.ShadowSettings(map_size=64))
+        self.check(pair, False)
+        self.check(pair, True)
+        return pair
+
+    def test_where_light_and_settings_change(self, renderers):
+        pair = self.pair(renderers)
+        self.check(pair, True, sun=csm.Sun((-0.4, 0.7, 0.2)))
+        for changes in (
+            {"filter": "pcf"},
+            {"map_size": 32, "caster_faces": "front"},
+            {"fit": "visible", "split": "sdsm"},
+            {"filter": "none"},
+            {"storage": "separate", "cull": "exclusive"},
+        ):
+            self.check(pair, True, settings=pair.settings.replace(**changes))
+
+    def test_after_a_render_that_reuses_nothing(self, renderers):
+        pair = self.pair(renderers)
+        turned = self.camera.replace(far=0.5 * self.camera.far)
+        renderers[0].render(pair.scene, turned, SUN, pair.settings, outputs=MASK)
+        self.check(pair, False)
+        renderers[0].render(pair.scene, self.camera, SUN, pair.settings, outputs=MASK)
+        self.check(pair, True)
+
+    @pytest.mark.parametrize(
+        "changes",
+        [
+            {"near": 0.11},
+            {"far": 55.0},
+            {"eye": (0.0, 2.0, 9.0)},
+            {"half_width": 0.5},
+            {"centre_x": 0.01},
+            {"size": (48, 27)},
+        ],
+        ids=lambda changes: next(iter(changes)),
+    )
+    def test_not_by_another_camera(self, renderers, changes):
+        pair = self.pair(renderers)
+        self.check(pair, False, camera=self.camera.replace(**changes))
+        self.check(pair, False)
+
+    def test_not_by_another_scene_reloaded_shaders_or_a_dead_scene(self, renderers):
+        pair = self.pair(renderers)
+        self.check(pair, False, scene=among_poles(1))
+        self.check(pair, False)
+        renderers[0].reload()
+        self.check(pair, False)
+        for seed in range(4):  # an upload may get the dead one's address
+            pair.scene = None
+            pair.scene = among_poles(seed)
+            self.check(pair, False)
 
 
 # -- scrolling -------------------------------------------------------------------------------------

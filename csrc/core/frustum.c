@@ -6,6 +6,9 @@
  */
 #include "frustum.h"
 
+#include <stddef.h>
+#include <string.h>
+
 #include "linalg.h"
 
 static void check_axes(const csm_camera *camera, csm_error *err, int *problems) {
@@ -26,6 +29,12 @@ static void check_axes(const csm_camera *camera, csm_error *err, int *problems) 
                       worst);
         ++*problems;
     }
+}
+
+bool csm_camera_equal(const csm_camera *one, const csm_camera *other) {
+    /* doubles without padding up to the size */
+    return !memcmp(one, other, offsetof(csm_camera, width)) && one->width == other->width &&
+           one->height == other->height && one->orthographic == other->orthographic;
 }
 
 csm_status csm_camera_validate(const csm_camera *camera, csm_error *err) {

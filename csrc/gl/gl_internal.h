@@ -248,6 +248,13 @@ typedef struct csm_kept_maps {
     uint32_t *items[CSM_MAX_CASCADES]; /* of content */
 } csm_kept_maps;
 
+/* What the view's targets show. */
+typedef struct csm_kept_view {
+    const csm_gpu_scene *scene; /* NULL: nobody knows */
+    csm_camera camera;
+    int items_drawn;
+} csm_kept_view;
+
 /* What a frame does for one of its maps. */
 typedef struct csm_map_work {
     csm_map_content wanted;
@@ -280,6 +287,7 @@ struct csm_renderer {
     csm_gpu_scene *scenes;
     csm_last_render last;
     csm_kept_maps kept;
+    csm_kept_view view;
 };
 
 /* What the passes of one frame share. */
@@ -364,8 +372,11 @@ csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err);
 csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err);
 csm_status csm_moments_read(csm_frame *frame, int cascade, float *out, csm_error *err);
 
-/* kept_maps.c: nothing is held any more. */
+/* kept_maps.c: no map is held any more, or the view is not. */
 void csm_kept_forget(csm_renderer *renderer);
+void csm_kept_forget_view(csm_renderer *renderer);
+/* Whether the view's targets show what this frame would draw, and it may be kept. */
+bool csm_kept_shows(const csm_frame *frame);
 /* Chooses, once cascades are placed, what is drawn of each map. */
 csm_status csm_kept_choose(csm_frame *frame, csm_error *err);
 void csm_kept_finish(csm_frame *frame);

@@ -1,4 +1,4 @@
-/* kept_maps.c: shadow maps that stay from one render to the next.
+/* kept_maps.c: shadow maps, and the camera's view, that stay from one render to the next.
  *
  * What every map in the targets holds is noted when it was drawn. Core chooses from the note and
  * what the next frame wants; whoever draws maps without noting, drops their textures or their scene
@@ -14,6 +14,16 @@ void csm_kept_forget(csm_renderer *renderer) {
         free(renderer->kept.items[i]);
     }
     memset(&renderer->kept, 0, sizeof renderer->kept);
+}
+
+void csm_kept_forget_view(csm_renderer *renderer) {
+    renderer->view.scene = NULL;
+}
+
+bool csm_kept_shows(const csm_frame *frame) {
+    const csm_kept_view *view = &frame->renderer->view;
+    return frame->desc->reuse && view->scene == frame->desc->scene &&
+           csm_camera_equal(&view->camera, &frame->desc->camera);
 }
 
 static csm_status choose(csm_frame *frame, int cascade, unsigned allowed, uint32_t *items,

@@ -171,6 +171,9 @@ void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene) {
     if (renderer->kept.scene == scene) { /* another may get its address */
         csm_kept_forget(renderer);
     }
+    if (renderer->view.scene == scene) {
+        csm_kept_forget_view(renderer);
+    }
     for (csm_gpu_scene **link = &renderer->scenes; *link; link = &(*link)->next) {
         if (*link == scene) {
             *link = scene->next;

@@ -30,6 +30,17 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     const float farthest = 0.0f;
     GLuint programs[2];
 
+    const GLuint framebuffer = renderer->view_framebuffer;
+    gl->NamedFramebufferTexture(framebuffer, GL_COLOR_ATTACHMENT0,
+                                renderer->targets[CSM_TARGET_VIEW_IDS].texture, 0);
+    gl->NamedFramebufferTexture(framebuffer, GL_DEPTH_ATTACHMENT,
+                                renderer->targets[CSM_TARGET_VIEW_DEPTH].texture, 0);
+    gl->BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
+    if (csm_kept_shows(frame)) {
+        frame->out->view_items_drawn = renderer->view.items_drawn;
+        return CSM_OK;
+    }
+    csm_kept_forget_view(renderer); /* until it is drawn */
     csm_status status = csm_program_get_drawing(frame, CSM_STEP_VIEW, programs, err);
     if (status == CSM_OK) {
         status = csm_view_draws_fill(frame, &frame->out->view_items_drawn, err);
@@ -38,12 +49,6 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
         return status;
     }
     csm_timer_start(renderer);
-    GLuint framebuffer = renderer->view_framebuffer;
-    gl->NamedFramebufferTexture(framebuffer, GL_COLOR_ATTACHMENT0,
-                                renderer->targets[CSM_TARGET_VIEW_IDS].texture, 0);
-    gl->NamedFramebufferTexture(framebuffer, GL_DEPTH_ATTACHMENT,
-                                renderer->targets[CSM_TARGET_VIEW_DEPTH].texture, 0);
-    gl->BindFramebuffer(GL_FRAMEBUFFER, framebuffer);
     gl->Viewport(0, 0, camera->width, camera->height);
     gl->Disable(GL_DEPTH_CLAMP);
     gl->Enable(GL_DEPTH_TEST);
@@ -54,5 +59,8 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
         status = csm_draw_list_submit(frame, scene, programs, err);
     }
     csm_timer_stop(renderer, frame->out, "view");
+    if (status == CSM_OK) {
+        renderer->view = (csm_kept_view){scene, *camera, frame->out->view_items_drawn};
+    }
     return status;
 }

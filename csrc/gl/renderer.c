@@ -251,6 +251,7 @@ csm_status csm_renderer_reload(csm_renderer *renderer, csm_error *err) {
     if (status == CSM_OK) {
         csm_programs_drop(renderer);
         csm_kept_forget(renderer);
+        csm_kept_forget_view(renderer);
         csm_renderer_leave(renderer, &saved);
     }
     return status;
@@ -633,6 +634,7 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
     csm_kept_finish(&frame);
     if (status != CSM_OK) {
         csm_kept_forget(renderer); /* moments may not be those of their map */
+        csm_kept_forget_view(renderer);
     }
     csm_renderer_leave(renderer, &saved);
     return status;

@@ -52,17 +52,19 @@ GLenum csm_format_named(const char *name) {
     return GL_NONE;
 }
 
-/* What maps were made into comes or goes. */
-static void forget_maps(csm_renderer *renderer, const csm_target *target) {
+/* What maps, or the view, were made into comes or goes. */
+static void forget_kept(csm_renderer *renderer, const csm_target *target) {
     if (target >= &renderer->targets[CSM_TARGET_SHADOW_MAPS]) {
         csm_kept_forget(renderer);
+    } else {
+        csm_kept_forget_view(renderer);
     }
 }
 
 static void drop(csm_renderer *renderer, csm_target *target) {
     const GladGLContext *gl = &renderer->gl;
     if (target->texture) {
-        forget_maps(renderer, target);
+        forget_kept(renderer, target);
         /* deleting detaches a texture from bound framebuffers alone: elsewhere it would live on */
         gl->NamedFramebufferTexture(renderer->view_framebuffer, GL_COLOR_ATTACHMENT0, 0, 0);
         gl->NamedFramebufferTexture(renderer->view_framebuffer, GL_DEPTH_ATTACHMENT, 0, 0);
@@ -97,7 +99,7 @@ static csm_status make(csm_renderer *renderer, csm_target *target, const csm_pla
                         : wanted->kind == CSM_TEXTURE_ARRAY ? GL_TEXTURE_2D_ARRAY
                         : wanted->kind == CSM_TEXTURE_CUBE  ? GL_TEXTURE_CUBE_MAP
                                                             : GL_TEXTURE_2D;
-    forget_maps(renderer, target);
+    forget_kept(renderer, target);
     gl->CreateTextures(kind, 1, &target->texture);
     renderer->info.live_objects++;
     if (kind == GL_TEXTURE_2D_MULTISAMPLE) {
