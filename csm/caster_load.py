@@ -5,6 +5,8 @@ them is seen from the sun in the end does not matter. So triangles are looked at
 thousands of them, each as the box that it fills across the light.
 """
 
+import threading
+import weakref
 from dataclasses import dataclass
 
 import numpy as np
@@ -187,6 +189,48 @@ def sample_casters(scene, axes):
     -------
     casters : Casters
     """
+    some = _sample(scene)
+    x, y = (some.corners @ axis for axis in axes)  # of the three corners (3, t)
+    # the axes and the way to the light are a right-handed basis
+    first, second = ((x[k] - x[0], y[k] - y[0]) for k in (1, 2))
+    area = 0.5 * some.side * (first[0] * second[1] - first[1] * second[0])
+    low, high = (np.stack([end(on, axis=0) for on in (x, y)], axis=1) for end in (np.min, np.max))
+    return Casters(
+        axes,
+        0.5 * (low + high),
+        0.5 * (high - low),
+        area,
+        some.cut,
+        np.full(len(area), some.weight),
+    )
+
+
+@dataclass(frozen=True, eq=False)
+class _Sample:
+    """Triangles of a scene: corners (3, t, 3) [m], -1 where mirrored, with a cut-out, how many."""
+
+    corners: np.ndarray
+    side: np.ndarray
+    cut: np.ndarray
+    weight: float
+
+
+_samples = weakref.WeakKeyDictionary()  # Scene to its _Sample
+_samples_lock = threading.Lock()
+
+
+def _sample(scene):
+    """The sample of a scene, taken once while it lives: no camera and no sun matters to it."""
+    with _samples_lock:
+        known = _samples.get(scene)
+    if known is None:
+        known = _take_sample(scene)
+        with _samples_lock:
+            _samples[scene] = known
+    return known
+
+
+def _take_sample(scene):
     sizes = np.array([len(mesh.triangles) for mesh in scene.meshes])
     starts = np.concatenate([[0], np.cumsum(sizes[scene.instance_mesh])])
     count = min(int(starts[-1]), SAMPLED)
@@ -195,27 +239,15 @@ def sample_casters(scene, axes):
     places = (np.arange(count) + GOLDEN * np.arange(count) % 1.0) * (starts[-1] / count)
     wanted = np.minimum(places.astype(int), starts[-1] - 1)
     instance = np.searchsorted(starts, wanted, side="right") - 1
-    flat, cut = np.empty((len(wanted), 3, 2)), np.zeros(len(wanted), bool)
-    across = np.matmul(axes, scene.world_from_instance[:, :3])
-    mirrored = np.sign(np.linalg.det(scene.world_from_instance[:, :3, :3]))
+    corners, cut = np.empty((3, len(wanted), 3)), np.zeros(len(wanted), bool)
     for number in np.unique(scene.instance_mesh[instance]):
         mesh = scene.meshes[number]
         on = np.flatnonzero(scene.instance_mesh[instance] == number)
-        corners = mesh.positions[mesh.triangles[wanted[on] - starts[instance[on]]]]
-        to_plane = across[instance[on]].transpose(0, 2, 1)
-        flat[on] = corners @ to_plane[:, :3] + to_plane[:, 3:]
+        own = mesh.positions[mesh.triangles[wanted[on] - starts[instance[on]]]]
+        to_world = scene.world_from_instance[instance[on]]
+        corners[:, on] = (
+            own @ to_world[:, :3, :3].transpose(0, 2, 1) + to_world[:, None, :3, 3]
+        ).transpose(1, 0, 2)
         cut[on] = mesh.alpha is not None
-    (first_x, first_y), (second_x, second_y) = (
-        (flat[:, k, 0] - flat[:, 0, 0], flat[:, k, 1] - flat[:, 0, 1]) for k in (1, 2)
-    )
-    # the axes and the way to the light are a right-handed basis
-    area = 0.5 * mirrored[instance] * (first_x * second_y - first_y * second_x)
-    low, high = flat.min(axis=1), flat.max(axis=1)
-    return Casters(
-        axes,
-        0.5 * (low + high),
-        0.5 * (high - low),
-        area,
-        cut,
-        np.full(count, starts[-1] / max(count, 1)),
-    )
+    mirrored = np.sign(np.linalg.det(scene.world_from_instance[:, :3, :3]))
+    return _Sample(corners, mirrored[instance], cut, starts[-1] / max(count, 1))
