@@ -2,7 +2,7 @@
 
 import math
 from copy import copy
-from dataclasses import asdict, dataclass, fields
+from dataclasses import dataclass, fields
 
 import numpy as np
 
@@ -418,9 +418,10 @@ class ShadowSettings(Recorded):
         -------
         settings : dict
         """
+        values = {name: getattr(self, name) for name in _KINDS}
         return {
             name: list(value) if isinstance(value, tuple) else value
-            for name, value in asdict(self).items()
+            for name, value in values.items()
         }
 
     @classmethod
