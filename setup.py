@@ -15,8 +15,8 @@ from setuptools.command.build_ext import build_ext
 CORE = (
     "status filters effects cutouts scene hull splits splits_resolution splits_histogram frustum"
     " view_range light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
-    " reuse light_window tetrahedra coverage_slices coverage coverage_move storage bias plan"
-    " shader_source"
+    " reuse light_window tetrahedra coverage_slices coverage coverage_move coarse_outline"
+    " coarse_planes coarse_edges coarse_maps coarse_thin storage bias plan shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
@@ -24,8 +24,8 @@ GL = (
     " pass_shadow_mask pass_shadow_forward renderer visibility"
 )
 PY = (
-    "errors arrays scene_arguments core_functions coverage_functions settings_functions"
-    " renderer_type module"
+    "errors arrays scene_arguments core_functions coverage_functions coarse_functions"
+    " settings_functions renderer_type module"
 )
 FOLDERS = {"core": CORE, "gl": GL, "py": PY}
 SOURCES = [f"csrc/{folder}/{name}.c" for folder, names in FOLDERS.items() for name in names.split()]

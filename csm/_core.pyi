@@ -5,6 +5,7 @@ read by attribute, so anything with the fields of `csm.Camera` and `csm.ShadowSe
 Bounds are (2, 3) or (6,): min, max [m].
 """
 
+from collections.abc import Sequence
 from typing import Any, Literal, NotRequired, Protocol, TypedDict, final
 
 import numpy as np
@@ -115,6 +116,22 @@ class _GridMove(TypedDict):
     depth_quanta: tuple[float, float, float]
     rounding_texels: float
     rounding_depth: float
+
+_CoarsePicture = tuple[_Camera, ArrayLike, ArrayLike]  # view_depth, facing
+_CoarseMaps = tuple[
+    Sequence[ArrayLike],  # depths
+    ArrayLike,  # uvz_from_world
+    ArrayLike,  # texel_size
+    ArrayLike,  # depth_range
+]
+
+class _CoarseEdges(TypedDict):
+    rows: NDArray[np.int64]  # (e,)
+    columns: NDArray[np.int64]
+    point: NDArray[np.float64]  # (e, 3)
+    normal: NDArray[np.float64]
+    across: NDArray[np.float64]  # (e, 2)
+    length: NDArray[np.float64]  # (e,)
 
 class _Warp(TypedDict):
     light_from_world: NDArray[np.float64]  # (4, 4)
@@ -258,6 +275,35 @@ def coverage_move(
     after: ArrayLike,
     size_after: int,
 ) -> _GridMove: ...
+def coarse_outline(
+    pictures: tuple[_CoarsePicture, ...], points: ArrayLike, light_axes: ArrayLike
+) -> NDArray[np.float64]: ...
+def coarse_plane_ends(
+    camera: _Camera,
+    small: _Camera,
+    view_depth: ArrayLike,
+    valid: ArrayLike,
+    facing: ArrayLike,
+    bounds: ArrayLike,
+) -> tuple[NDArray[np.float64], tuple[int, int, int, int] | None]: ...
+def coarse_edges(
+    camera: _Camera,
+    view_depth: ArrayLike,
+    normal: ArrayLike,
+    judged: ArrayLike,
+    lit: ArrayLike,
+    shrink: float,
+) -> _CoarseEdges: ...
+def coarse_thin_share(maps: _CoarseMaps) -> float: ...
+def coarse_layered_share(
+    maps: _CoarseMaps, points: ArrayLike, cascade_index: ArrayLike
+) -> float: ...
+def coarse_gaps(
+    maps: _CoarseMaps, points: ArrayLike, cascade_index: ArrayLike, dark: ArrayLike
+) -> NDArray[np.float64]: ...
+def coarse_blockers(
+    maps: _CoarseMaps, points: ArrayLike, normals: ArrayLike, cascade_index: ArrayLike
+) -> NDArray[np.float64]: ...
 def validate_settings(settings: Any, /) -> None: ...
 def canonical_settings(settings: Any, /) -> dict[str, Any]: ...
 def effect_table() -> list[_Effect]: ...

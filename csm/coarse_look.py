@@ -2,8 +2,8 @@
 
 import numpy as np
 
-from .sampling import LIT, edge_slopes
-from .spaces import transform_points
+from . import _core
+from .sampling import LIT
 
 __all__ = [
     "blockers_of",
@@ -14,12 +14,6 @@ __all__ = [
     "positions_of",
     "thin_share_of",
 ]
-
-EDGES = 3000  # places of edges that forecasts look at; the others count through these
-THIN_TEXELS = 2  # a caster of at most so many texels of the coarse map across is thin
-DIRECTIONS, SLICES = 16, 12  # in which, and of depth, the outermost points are kept
-CURVED = 0.25  # of a surface's slope that it may change by from texel to texel of the coarse map
-LAYERS_BLEED = 0.1  # share of the light that layers of occluders let into a variance map
 
 
 def positions_of(camera, view_depth, rows, columns):
@@ -32,103 +26,79 @@ def positions_of(camera, view_depth, rows, columns):
     return camera.eye + depth * (across - camera.backward)
 
 
-def outline_of(points, depths, light_axes):
+def outline_of(pictures, points, light_axes):
     """Outermost of points across the light, of every slice of depth: windows reach to them.
 
     Parameters
     ----------
+    pictures : sequence of (Camera, (h, w) float32, (h, w) bool)
+        1 to 4: camera, view depths [m] and which pixels count, with their points of the world. All
+        look from where the first does, the same way.
     points : (m, 3) float64
-    depths : (m,) float64
-        View depths [m].
+        More of the world.
     light_axes : (2, 3) float64
         Across the light.
 
     Returns
     -------
     outline : (k, 3) float64
-        At most 192; none of none.
+        Of 12 slices of view depth in equal ratios the outermost in 16 directions, at most 192; none
+        of none.
+
+    Raises
+    ------
+    ValueError
+        If a picture is not of its camera's size, or points are none.
     """
-    if not len(points):
-        return points
-    angles = np.arange(DIRECTIONS) * (2.0 * np.pi / DIRECTIONS)
-    along = points @ light_axes.T @ np.stack([np.cos(angles), np.sin(angles)])
-    low, high = max(depths.min(), 1e-9), max(depths.max(), 2e-9)
-    slices = np.searchsorted(np.geomspace(low, high, SLICES + 1)[1:-1], depths)
-    kept = [
-        on[along[on].argmax(axis=0)]
-        for on in (np.flatnonzero(slices == k) for k in range(SLICES))
-        if len(on)
-    ]
-    return points[np.unique(np.concatenate(kept))]
+    return _core.coarse_outline(tuple(pictures), points, light_axes)
 
 
 def edges_of(camera, frame, judged, lit, shrink):
-    """Places of neighbouring judged pixels on different sides of 0.5."""
-    slope_x, slope_y = edge_slopes(lit)
-    parts = []
-    for axis, (one, other) in enumerate(
-        (
-            (np.s_[:, :-1], np.s_[:, 1:]),
-            (np.s_[:-1, :], np.s_[1:, :]),
-        )
-    ):
-        rows, columns = np.nonzero(judged[one] & judged[other] & (lit[one] != lit[other]))
-        step = (rows + axis, columns + 1 - axis)
-        across = np.stack(
-            [slope[rows, columns] + slope[step] for slope in (slope_x, slope_y)], axis=1
-        )
-        length = np.linalg.norm(across, axis=1, keepdims=True)
-        along_axis = np.eye(2)[axis]
-        across = np.where(length > 1e-9, across / np.where(length > 1e-9, length, 1.0), along_axis)
-        dark_first = ~lit[rows, columns]
-        dark = (np.where(dark_first, rows, step[0]), np.where(dark_first, columns, step[1]))
-        parts.append((dark[0], dark[1], across, shrink * np.abs(across[:, axis])))
-    every = max(1, -(-sum(len(part[0]) for part in parts) // EDGES))
-    rows, columns, across, length = (
-        np.concatenate(column)[::every] for column in zip(*parts, strict=True)
-    )
-    length = length * every
-    return {
-        "rows": rows,
-        "columns": columns,
-        "point": positions_of(camera, frame.view_depth, rows, columns),
-        "normal": frame.normal[rows, columns].astype(np.float64),
-        "across": across,
-        "length": length,
-    }
+    """Places of neighbouring judged pixels on different sides of 0.5.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the coarse picture.
+    frame : Frame
+    judged, lit : (h, w) bool
+    shrink : float
+        Pixels of the full picture along one of the coarse one.
+
+    Returns
+    -------
+    edges : dict
+        Of at most 3000 edges the dark pixel's ``rows``, ``columns`` (e,), ``point`` and ``normal``
+        (e, 3), ``across`` (e, 2), the unit direction of `csm.sampling.edge_slopes` in the picture,
+        and ``length`` (e,) [pixels of the full picture]: an edge that is looked at counts for those
+        that are not.
+
+    Raises
+    ------
+    ValueError
+        If an array is not of the camera's size.
+    """
+    return _core.coarse_edges(camera, frame.view_depth, frame.normal, judged, lit, shrink)
 
 
 def gaps_of(frame, points, rows, columns):
-    """Distance [m] from dark pixels to what the coarse map holds before them; inf for lit ones."""
-    gaps = np.full(len(rows), np.inf)
-    index = frame.cascade_index[rows, columns]
+    """Distance [m] from dark pixels to what the coarse map holds before them; inf for lit ones.
+
+    Also where it holds nothing before them: dark by the plane at the texel's centre alone.
+    """
     dark = frame.mask[rows, columns] < LIT
-    for i in range(frame.cascades.count):
-        on = np.flatnonzero(dark & (index == i))
-        gap = _gaps_around(frame, i, points[on], 0)[:, 0]
-        # dark by the plane at the texel's centre alone: how near the occluder is, is not known
-        gaps[on] = np.where(gap > 0.0, gap, np.inf)
-    return gaps
+    return _core.coarse_gaps(_maps(frame), points, frame.cascade_index[rows, columns], dark)
 
 
 def blockers_of(frame, edges):
-    """Occluders' distances [m] at the dark side of edges."""
-    distances = np.zeros(len(edges["rows"]))
+    """Occluders' distances [m] at the dark side of edges.
+
+    The middle of the nearest and the farthest in 3 x 3 texels of the coarse map. The receiver's own
+    plane there is taken off, and what lies within half a texel and a quarter of its slope counts as
+    the surface itself.
+    """
     index = frame.cascade_index[edges["rows"], edges["columns"]]
-    for i in range(frame.cascades.count):
-        on = np.flatnonzero(index == i)
-        if not len(on):
-            continue
-        own, slope = _own_depths(frame, i, edges["point"][on], edges["normal"][on], 1)
-        gap = _gaps_around(frame, i, edges["point"][on], 1) + own
-        t = float(frame.cascades.texel_size[i].max())
-        # nearer ones are the surface itself, which curves by a part of its slope
-        gap = np.where(gap > t * (0.5 + CURVED * slope[:, None]), gap, np.nan)
-        with np.errstate(all="ignore"):
-            near = np.where(np.isnan(gap).all(axis=1), 0.0, _nan_min(gap))
-            far = np.where(np.isnan(gap).all(axis=1), 0.0, -_nan_min(-gap))
-        distances[on] = np.where(near > 0.0, 0.5 * (near + far), 0.5 * t)
-    return distances
+    return _core.coarse_blockers(_maps(frame), edges["point"], edges["normal"], index)
 
 
 def layered_share_of(frame, points, rows, columns):
@@ -154,77 +124,15 @@ def layered_share_of(frame, points, rows, columns):
     share : float
         0 where nothing is in full shadow.
     """
-    full = layered = 0
-    index = frame.cascade_index[rows, columns]
-    for i in range(frame.cascades.count):
-        gap = _gaps_around(frame, i, points[index == i], 2)
-        t = float(frame.cascades.texel_size[i].max())
-        gap = gap[(gap > 0.5 * t).all(axis=1)]  # nearer ones are the surface itself
-        variance = gap.var(axis=1)
-        full += len(gap)
-        bleeds = variance > LAYERS_BLEED * (variance + gap.mean(axis=1) ** 2)
-        layered += int(np.count_nonzero(bleeds))
-    return layered / max(full, 1)
-
-
-def _gaps_around(frame, cascade, points, reach):
-    """Distance [m] (m, k) from points to what a map holds before them, within a reach [texels]."""
-    depths = frame.shadow_maps[cascade]
-    uvz = transform_points(frame.cascades.uvz_from_world[cascade], points)
-    u, v = np.moveaxis(_texels_around(uvz[:, :2] * len(depths), len(depths), reach), -1, 0)
-    around = depths[v, u]
-    span = float(np.diff(frame.cascades.depth_range[cascade])[0])
-    return (uvz[:, 2:] - around.astype(np.float64)) * span
-
-
-def _texels_around(places, size, reach):
-    """Texels (m, k, 2) of a map of a size round places in it (m, 2), all within the map."""
-    steps = range(-reach, reach + 1)
-    offsets = np.array([(du, dv) for dv in steps for du in steps])
-    return np.clip(places.astype(int), reach, size - 1 - reach)[:, None] + offsets
-
-
-def _own_depths(frame, cascade, points, normals, reach):
-    """How much deeper a point's own plane lies at the texels of `_gaps_around` (m, k) [m].
-
-    And its steepness (m,): the sum of its slopes along u and v [m/m].
-    """
-    cascades = frame.cascades
-    size = frame.shadow_maps[cascade].shape[0]
-    uvz = np.asarray(cascades.uvz_from_world[cascade])
-    along = np.cross(uvz[1, :3], normals), np.cross(normals, uvz[0, :3])
-    volume = along[0] @ uvz[0, :3]
-    volume = np.where(np.abs(volume) > 1e-12 * np.abs(volume).max(initial=0.0), volume, np.inf)
-    span = float(np.diff(cascades.depth_range[cascade])[0])
-    # of one map's width [m]
-    slopes = np.stack([step @ uvz[2, :3] for step in along], axis=1) / volume[:, None] * span
-    away = transform_points(uvz, points)[:, :2] * size
-    texels = _texels_around(away, size, reach) + 0.5
-    own = np.einsum("mka,ma->mk", texels - away[:, None], slopes) / size
-    steepness = np.abs(slopes).sum(axis=1) / (size * cascades.texel_size[cascade].max())
-    return own, steepness
-
-
-def _nan_min(values):
-    return np.where(np.isnan(values), np.inf, values).min(axis=1)
+    return _core.coarse_layered_share(_maps(frame), points, frame.cascade_index[rows, columns])
 
 
 def thin_share_of(frame):
     """Share of casters' texels before something else on both sides within two texels."""
-    thin = casters = 0
-    for i, depths in enumerate(frame.shadow_maps):
-        if not (depths < 1.0).any():
-            continue
-        span = float(np.diff(frame.cascades.depth_range[i])[0])
-        jump = 4.0 * float(frame.cascades.texel_size[i].max()) / span
-        behind = np.zeros(depths.shape, bool)
-        for axis in (0, 1):
-            ahead = np.zeros(depths.shape, bool)
-            after = np.zeros(depths.shape, bool)
-            for step in range(1, THIN_TEXELS + 1):
-                ahead |= np.roll(depths, step, axis) - depths > jump
-                after |= np.roll(depths, -step, axis) - depths > jump
-            behind |= ahead & after
-            casters += 0.5 * np.count_nonzero(ahead | after)
-        thin += np.count_nonzero(behind)
-    return float(min(thin / casters, 1.0)) if casters else 0.0
+    return _core.coarse_thin_share(_maps(frame))
+
+
+def _maps(frame):
+    """A frame's maps as the core reads them."""
+    cascades = frame.cascades
+    return frame.shadow_maps, cascades.uvz_from_world, cascades.texel_size, cascades.depth_range

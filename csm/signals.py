@@ -23,7 +23,7 @@ from .coarse_look import (
     positions_of,
     thin_share_of,
 )
-from .horizons import ends_of, horizon_of
+from .horizons import ends_of
 from .sampling import LIT, NO_CASCADE, surface_steps
 from .settings import ShadowSettings
 from .spaces import frozen, light_gradients
@@ -338,18 +338,15 @@ def _look(renderer, scene, camera, sun, spent):
     )
     casters = casters.thinned(frame.cascades)
 
-    rows, columns = np.nonzero(facing)
-    everywhere = positions_of(small, frame.view_depth, rows, columns)
-    parts = [everywhere, ends_of(camera, small, frame, facing, scene.bounds)]
-    part = horizon_of(camera, small, frame, facing)
+    ends, part = ends_of(camera, small, frame, facing, scene.bounds)
+    pictures = [(small, frame.view_depth, facing)]
     if part is not None:
         fine = renderer.render(scene, part, sun, HORIZON, outputs=HORIZON_OUTPUTS)
         spend(fine)
-        parts.append(positions_of(part, fine.view_depth, *np.nonzero(_facing(fine, sun))))
-    held = np.concatenate(parts)
-    outline = outline_of(held, (held - camera.eye) @ -camera.backward, axes)
-    stride = max(1, -(-len(rows) // RECEIVERS))
-    rows, columns = rows[::stride], columns[::stride]
+        pictures.append((part, fine.view_depth, _facing(fine, sun)))
+    outline = outline_of(pictures, ends, axes)
+    stride = max(1, -(-count // RECEIVERS))
+    rows, columns = np.divmod(np.flatnonzero(facing)[::stride], facing.shape[1])
     receivers = positions_of(small, frame.view_depth, rows, columns)
     normals = frame.normal[rows, columns].astype(np.float64)
     cosine = np.clip(normals @ sun.to_light, FACING, 1.0)

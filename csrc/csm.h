@@ -1104,4 +1104,104 @@ csm_status csm_coverage_move(const csm_camera *camera, double near_depth, double
                              const double before[16], int size_before, const double after[16],
                              int size_after, csm_grid_move *out, csm_error *err);
 
+/* ------------------------------------------------------------------------------------------------
+ * 12. Coarse pictures: what a small frame and its maps show, for recommendations
+ */
+
+/* height x width of the camera, row 0 on top; a byte of valid, facing, judged and lit is 0 or 1. */
+typedef struct csm_coarse_picture {
+    const csm_camera *camera;
+    const float *view_depth;  /* [m] */
+    const float (*normal)[3]; /* world; csm_coarse_edges alone reads them */
+    const uint8_t *valid;     /* whether a surface is seen; csm_coarse_plane_ends alone reads it */
+    const uint8_t *facing;    /* ... that faces the sun */
+    const uint8_t *judged;    /* ... and has a cascade; csm_coarse_edges alone reads both */
+    const uint8_t *lit;
+} csm_coarse_picture;
+
+#define CSM_OUTLINE_SLICES 12
+#define CSM_OUTLINE_DIRECTIONS 16
+#define CSM_OUTLINE_MAX (CSM_OUTLINE_SLICES * CSM_OUTLINE_DIRECTIONS)
+
+/* What windows must reach to: of each of 12 slices of view depth, in equal ratios, the outermost
+ * points in 16 directions across the light. Points are those of the pictures' facing pixels and
+ * more of the world; all cameras share eye and direction with the first. In the order in which
+ * they were met, each once; returns their number. */
+size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
+                          const double (*points)[3], size_t point_count,
+                          const double light_axes[2][3], double out[CSM_OUTLINE_MAX][3]);
+
+#define CSM_COARSE_EDGES 3000
+
+/* Arrays of the caller's, one element per edge. */
+typedef struct csm_coarse_edge_arrays {
+    int64_t *row, *column; /* of the dark pixel */
+    double (*point)[3];    /* world, of its surface */
+    double (*normal)[3];
+    double (*across)[2]; /* unit, which way it gets lighter in the picture, right and down */
+    double *length;      /* [pixels of the full picture] */
+} csm_coarse_edge_arrays;
+
+/* Pairs of neighbouring judged pixels of which one is lit, along rows and along columns. */
+size_t csm_coarse_edge_pairs(const csm_coarse_picture *picture);
+
+/* How many of so many pairs are looked at: each of them, or every second, third, ... */
+size_t csm_coarse_edge_count(size_t pairs);
+
+/* These. shrink: pixels of the full picture along one of this. */
+csm_status csm_coarse_edges(const csm_coarse_picture *picture, double shrink, size_t pairs,
+                            const csm_coarse_edge_arrays *out, csm_error *err);
+
+/* Where planes end between the pixels of a coarse picture. */
+typedef struct csm_plane_ends {
+    double (*points)[3]; /* world; malloc */
+    size_t count;
+    bool horizon;       /* whether any plane reaches its horizon against the sky */
+    int horizon_box[4]; /* coarse pixels there: first row and column, and those after the last */
+} csm_plane_ends;
+
+/* Points of the full camera's picture past the last coarse pixels of planes, within the bounds
+ * {min, max}. A plane's inverse depth is linear in the picture (an orthographic camera's depth), so
+ * three pixels in a line say whether it is one and where it goes on. An orthographic camera has no
+ * horizon. Free the result with csm_plane_ends_free. */
+csm_status csm_coarse_plane_ends(const csm_camera *full, const csm_coarse_picture *picture,
+                                 const double bounds[6], csm_plane_ends *out, csm_error *err);
+void csm_plane_ends_free(csm_plane_ends *ends);
+
+/* The maps of a coarse frame: square, row 0 at the bottom, depths 0 to 1, 1 where nothing is. */
+typedef struct csm_coarse_maps {
+    int count;
+    const float *depths[CSM_MAX_CASCADES];
+    int size[CSM_MAX_CASCADES];
+    const double (*uvz_from_world)[16];
+    double texel[CSM_MAX_CASCADES]; /* longest side of one [m] */
+    double span[CSM_MAX_CASCADES];  /* of depths, along the light [m] */
+} csm_coarse_maps;
+
+#define CSM_COARSE_MAP_MIN 5 /* texels along a side, as many as the widest look takes */
+
+/* Share of the texels of outlines that have something farther off on both sides, within two texels
+ * along u or along v; maps go on beyond their border at the opposite one. */
+double csm_coarse_thin_share(const csm_coarse_maps *maps);
+
+/* Points of the world and the cascade that each is looked up in; those of no map count for none. */
+typedef struct csm_coarse_points {
+    const double (*point)[3];
+    const double (*normal)[3]; /* csm_coarse_blockers alone reads them */
+    const uint8_t *cascade;
+    const uint8_t *dark; /* csm_coarse_gaps alone reads it */
+    size_t count;
+} csm_coarse_points;
+
+/* From dark points to what the map holds before them, along the light [m]; INFINITY for others. */
+void csm_coarse_gaps(const csm_coarse_maps *maps, const csm_coarse_points *points, double *out);
+
+/* From points at the dark side of edges to their occluders [m]: the middle of the nearest and the
+ * farthest of 3 x 3 texels; half a texel where there are none, 0 for those of no map. */
+void csm_coarse_blockers(const csm_coarse_maps *maps, const csm_coarse_points *points, double *out);
+
+/* Share of the points with an occluder in each of 5 x 5 texels, whose depths' mean and variance
+ * would let through more than a tenth of the light [Lauritzen2007]; 0 of none. */
+double csm_coarse_layered_share(const csm_coarse_maps *maps, const csm_coarse_points *points);
+
 #endif

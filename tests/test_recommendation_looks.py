@@ -10,7 +10,7 @@ from csm import shapes
 from csm.arrangements import _across
 from csm.coarse_look import positions_of
 from csm.forecasts import Forecaster
-from csm.horizons import ends_of, horizon_of
+from csm.horizons import ends_of
 from csm.sampling import surface_steps, uv_gradients
 from csm.search import KNEE_PIXELS, KNEE_SHARE, NO_MATTER
 from csm.settings import map_sizes
@@ -49,7 +49,7 @@ def test_planes_end_where_the_full_picture_has_them(renderer, up):
     small, shrink = coarse_camera(camera)
     fine, seen = look(renderer, scene, camera)
     coarse, facing = look(renderer, scene, small)
-    ends = ends_of(camera, small, coarse, facing, scene.bounds)
+    ends, _ = ends_of(camera, small, coarse, facing, scene.bounds)
     assert np.abs(ends[:, 1]).max() < 0.02  # on the ground; depths come in single precision
     depths = (ends - camera.eye) @ -camera.backward
     expected = float(fine.view_depth[seen].max())
@@ -64,7 +64,7 @@ def test_the_part_at_the_horizon_is_one_of_the_full_picture(renderer, up):
     small, _ = coarse_camera(camera)
     fine, seen = look(renderer, scene, camera)
     coarse, facing = look(renderer, scene, small)
-    part = horizon_of(camera, small, coarse, facing)
+    _, part = ends_of(camera, small, coarse, facing, scene.bounds)
     assert part.size[0] * part.size[1] <= facing.size
     strip, there = look(renderer, scene, part)
     points = positions_of(part, strip.view_depth, *np.nonzero(there))
@@ -83,7 +83,7 @@ def test_no_horizon_no_part(renderer):
     small, _ = coarse_camera(above)
     coarse, facing = look(renderer, scene, small)
     assert facing.any()
-    assert horizon_of(above, small, coarse, facing) is None
+    assert ends_of(above, small, coarse, facing, scene.bounds)[1] is None
 
 
 @pytest.mark.parametrize(

@@ -408,8 +408,11 @@ def test_outline_holds_the_outermost_points_of_every_slice():
     rng = np.random.default_rng(5)
     points = rng.normal(size=(4000, 3)) * (30.0, 1.0, 90.0)
     depths = np.geomspace(1.0, 400.0, len(points))
+    points[:, 2] = -depths
+    camera = csm.Camera.look_at((0, 0, 0), (0, 0, -1), far=500, size=(4, 3))
+    blank = camera, np.ones((3, 4), np.float32), np.zeros((3, 4), bool)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
-    kept = outline_of(points, depths, axes)
+    kept = outline_of([blank], points, axes)
     assert len(kept) <= 192
     everywhere = {tuple(point) for point in points}
     assert all(tuple(point) in everywhere for point in kept)
@@ -418,7 +421,7 @@ def test_outline_holds_the_outermost_points_of_every_slice():
         assert (kept @ direction).max() == pytest.approx((points @ direction).max())
     nearest = points[depths < depths[-1] ** (1 / 12)]  # the first of twelve slices in equal ratios
     assert tuple(nearest[(nearest @ axes[0]).argmax()]) in {tuple(point) for point in kept}
-    assert len(outline_of(points[:0], depths[:0], axes)) == 0
+    assert outline_of([blank], points[:0], axes).shape == (0, 3)
 
 
 def test_windows_of_forecasts_are_those_of_frames(renderer):

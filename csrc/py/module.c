@@ -44,6 +44,7 @@ static int core_exec(PyObject *module) {
     if (csm_py_add_exceptions(module) < 0 || csm_py_add_renderer_type(module) < 0 ||
         PyModule_AddFunctions(module, csm_py_core_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_coverage_methods) < 0 ||
+        PyModule_AddFunctions(module, csm_py_coarse_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_scene_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_settings_methods) < 0) {
         return -1;

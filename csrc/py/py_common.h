@@ -88,6 +88,9 @@ extern PyMethodDef csm_py_core_methods[];
 /* coverage_functions.c */
 extern PyMethodDef csm_py_coverage_methods[];
 
+/* coarse_functions.c */
+extern PyMethodDef csm_py_coarse_methods[];
+
 /* scene_arguments.c */
 
 /* A scene's arrays; desc points into what the rest holds. */

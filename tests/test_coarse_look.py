@@ -1,0 +1,462 @@
+"""csrc/core/coarse_*.c against their definitions, pixel by pixel in plain Python."""
+
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+
+import csm
+from csm.coarse_look import (
+    blockers_of,
+    edges_of,
+    gaps_of,
+    layered_share_of,
+    outline_of,
+    thin_share_of,
+)
+from csm.horizons import ends_of
+from csm.sampling import edge_slopes
+
+SIZES = [(9, 7), (1, 8), (8, 1), (1, 1), (2, 3)]  # width, height
+FLAT = 0.02
+EVERYWHERE = np.array([[-1e6] * 3, [1e6] * 3])
+
+
+def camera_of(size, orthographic=False):
+    place = (3.0, 2.0, 5.0), (1.0, 1.0, -4.0)
+    if orthographic:
+        return csm.Camera.orthographic_look_at(*place, width=8, near=0.5, far=300, size=size)
+    return csm.Camera.look_at(*place, fov_y_deg=50, near=0.5, far=300, size=size)
+
+
+def point_of(camera, x, y, depth):
+    """World point that a camera sees at a place of its picture plane."""
+    across = x * camera.right + y * camera.up
+    ahead = -np.asarray(camera.backward)
+    if camera.orthographic:
+        return camera.eye + across + depth * ahead
+    return camera.eye + depth * (across + ahead)
+
+
+def pixel_point(camera, depths, row, column):
+    x, y = camera.pixel_plane()
+    return point_of(camera, x[column], y[row], float(depths[row, column]))
+
+
+def by_row(points):
+    return np.array(sorted(map(tuple, points))).reshape(-1, 3)
+
+
+# -- thin casters ----------------------------------------------------------------------------------
+
+
+def maps_of(depths, texel=0.1, span=10.0, matrices=None, **more):
+    """A frame of these maps (n, size, size)."""
+    count = len(depths)
+    matrices = np.broadcast_to(np.eye(4), (count, 4, 4)) if matrices is None else matrices
+    cascades = SimpleNamespace(
+        count=count,
+        uvz_from_world=matrices,
+        texel_size=np.full((count, 2), (0.5 * texel, texel)),
+        depth_range=np.full((count, 2), (1.0, 1.0 + span)),
+    )
+    return SimpleNamespace(shadow_maps=np.asarray(depths, np.float32), cascades=cascades, **more)
+
+
+@pytest.mark.parametrize(("width", "share"), [(1, 1.0), (2, 1.0), (3, 2 / 3), (4, 0.0), (5, 0.0)])
+@pytest.mark.parametrize("shift", [0, 7])  # across the border too
+@pytest.mark.parametrize("turned", [False, True])
+def test_a_comb_is_thin_up_to_two_texels(width, share, shift, turned):
+    """Of three texels the middle one has its background within two on both sides; outlines count
+    half, along one axis alone."""
+    row = np.roll(np.where(np.arange(32) % 16 < width, 0.25, 1.0), shift)
+    comb = np.tile(row, (32, 1))
+    assert thin_share_of(maps_of([comb.T if turned else comb])) == share
+
+
+def thin_by_hand(frame):
+    thin, outline = 0, 0.0
+    for depths, size, reach in zip(
+        frame.shadow_maps, frame.cascades.texel_size, frame.cascades.depth_range, strict=True
+    ):
+        jump = np.float32(4.0 * max(size) / (reach[1] - reach[0]))
+        n = len(depths)
+        for v in range(n):
+            for u in range(n):
+                found = []
+                for dv, du in ((1, 0), (0, 1)):
+                    sides = [
+                        any(
+                            depths[(v + s * k * dv) % n, (u + s * k * du) % n] - depths[v, u] > jump
+                            for k in (1, 2)
+                        )
+                        for s in (-1, 1)
+                    ]
+                    outline += 0.5 * any(sides)
+                    found.append(all(sides))
+                thin += any(found)
+    return min(thin / outline, 1.0) if outline else 0.0
+
+
+@pytest.mark.parametrize("size", [5, 6, 19])
+@pytest.mark.parametrize("cast", [0.05, 0.4, 0.8])
+def test_thin_share_by_hand(size, cast):
+    rng = np.random.default_rng(size)
+    depths = np.where(rng.random((3, size, size)) < cast, rng.random((3, size, size)), 1.0)
+    depths[1] = np.round(depths[1], 1)
+    depths[2] = 1.0  # no casters
+    frame = maps_of(depths)
+    assert thin_share_of(frame) == thin_by_hand(frame)
+    assert thin_share_of(maps_of(depths[2:])) == 0.0
+
+
+# -- outline ---------------------------------------------------------------------------------------
+
+
+def outline_by_hand(pictures, points, axes):
+    found = []
+    for camera, depths, facing in pictures:
+        for row, column in zip(*np.nonzero(facing), strict=True):
+            depth = float(depths[row, column])
+            found.append((depth, pixel_point(camera, depths, row, column)))
+    camera = pictures[0][0]
+    found += [(float((point - camera.eye) @ -camera.backward), point) for point in points]
+    low, high = min(depth for depth, _ in found), max(depth for depth, _ in found)
+    slices = [[] for _ in range(12)]
+    for depth, point in found:
+        borders = [low * (high / low) ** (k / 12) for k in range(1, 12)]
+        slices[sum(border < depth for border in borders)].append(point)
+    kept = set()
+    for inside in slices:
+        for k in range(16):
+            along = np.array([np.cos(k * np.pi / 8), np.sin(k * np.pi / 8)]) @ axes
+            if inside:
+                kept.add(tuple(max(inside, key=lambda point: point @ along)))  # noqa: B023
+    return kept
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("size", [*SIZES, (23, 31)])
+def test_outline_by_hand(size, orthographic):
+    rng = np.random.default_rng(sum(size))
+    camera = camera_of(size, orthographic)
+    axes = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
+    pictures = [
+        (camera, rng.uniform(1, 90, size[::-1]).astype(np.float32), rng.random(size[::-1]) < share)
+        for share in (0.8, 0.3)
+    ]
+    x, y = rng.normal(size=(2, 20))
+    points = np.array([point_of(camera, *at) for at in zip(x, y, rng.uniform(2, 95, 20))])  # noqa: B905
+    for more in (points, points[:1]):
+        kept = outline_of(pictures, more, axes)
+        expected = by_row(outline_by_hand(pictures, more, axes))
+        assert by_row(kept) == pytest.approx(expected, rel=1e-12)
+    dark = [(camera, pictures[0][1], np.zeros(size[::-1], bool))]
+    assert outline_of(dark, points[:0], axes).shape == (0, 3)
+
+
+# -- ends of planes --------------------------------------------------------------------------------
+
+
+def ends_by_hand(camera, small, frame, facing):
+    """Points, and coarse pixels (row, column) round the horizon."""
+    (width, height), full = small.size, camera.size
+    x, y = camera.pixel_plane()
+    small_x, small_y = small.pixel_plane()
+
+    def value(row, column):
+        depth = float(frame.view_depth[row, column]) if frame.valid[row, column] else 1.0
+        return depth if camera.orthographic else 1.0 / depth
+
+    points, box = [], []
+    for row in range(height):
+        for column in range(width):
+            for down, right in ((1, 0), (-1, 0), (0, 1), (0, -1)):
+                line = [(row - k * down, column - k * right) for k in (2, 1, 0)]
+                if not all(0 <= r < height and 0 <= c < width and facing[r, c] for r, c in line):
+                    continue
+                first, second, last = (value(*at) for at in line)
+                step, ahead = last - second, (row + down, column + right)
+                if abs(step - (second - first)) > FLAT * abs(step):
+                    continue
+                inside = 0 <= ahead[0] < height and 0 <= ahead[1] < width
+                seen = inside and frame.valid[ahead]
+                if seen and abs(value(*ahead) - last - step) <= FLAT * abs(step):
+                    continue
+                if not seen and last + step <= 0.0 and not camera.orthographic:
+                    box += [(row, column), ahead if inside else (row, column)]
+                side = 1 if down else 0
+                for pixel in range(full[1 - side] if not down else full[1]):
+                    ratio = (full[1] / height) if down else (full[0] / width)
+                    place = (pixel + 0.5) / ratio - 0.5  # in coarse pixels
+                    far = (place - (row if down else column)) * (down or right)
+                    depth = last + step * far
+                    if not (0.0 < far < 1.0 and depth > 0.0):
+                        continue
+                    next_one = value(*ahead) if seen else 0.0
+                    if not camera.orthographic:
+                        depth, next_one = 1.0 / depth, 1.0 / next_one if seen else 0.0
+                    if depth <= camera.far and (not seen or depth <= next_one):
+                        at = (small_x[column], y[pixel]) if down else (x[pixel], small_y[row])
+                        points.append(point_of(camera, *at, depth))
+    return points, box
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("ratio", [2, 4])
+@pytest.mark.parametrize("size", [*SIZES, (16, 12)])
+def test_ends_of_planes_by_hand(size, ratio, orthographic):
+    rng = np.random.default_rng(sum(size) + ratio)
+    camera = camera_of((size[0] * ratio, size[1] * ratio), orthographic)
+    small = camera.replace(size=size, half_width=camera.half_width, half_height=camera.half_height)
+    total = boxes = 0
+    for _ in range(6):
+        rows, columns = np.indices(size[::-1])
+        planes = [
+            a + b * rows + c * columns
+            for a, b, c in zip(*(rng.uniform(*r, 3) for r in ((0.1, 1), (-0.05, 0.05), (-0.05, 0.05))), strict=True)
+        ]  # fmt: skip
+        which = (rows + columns > rng.uniform(0, 20)).astype(int) + (rng.random(size[::-1]) < 0.1)
+        linear = np.choose(which, planes)
+        valid = (linear > 1 / 250) & (rng.random(size[::-1]) < 0.97)
+        depth = np.where(valid, np.abs(linear) if orthographic else 1 / np.abs(linear), 1e9)
+        facing = valid & (rng.random(size[::-1]) < 0.95)
+        frame = SimpleNamespace(view_depth=depth.astype(np.float32), valid=valid)
+        points, part = ends_of(camera, small, frame, facing, EVERYWHERE)
+        expected, box = ends_by_hand(camera, small, frame, facing)
+        assert len(points) == len(expected)
+        assert by_row(points) == pytest.approx(by_row(expected), rel=1e-9)
+        half = np.array([EVERYWHERE[0], camera.eye])
+        inside = [point for point in expected if (point < camera.eye).all()]
+        assert len(ends_of(camera, small, frame, facing, half)[0]) == len(inside)
+        if not box:
+            assert part is None
+        else:
+            rows, columns = np.array(box).T
+            wide = ((np.ptp(columns) + 1) * ratio, (np.ptp(rows) + 1) * ratio)
+            assert part is None if np.prod(wide) > np.prod(size) else part.size == wide
+        total, boxes = total + len(points), boxes + bool(box)
+    if size == (16, 12):
+        assert total > 100
+        assert orthographic or boxes
+
+
+def test_ground_ends_at_its_horizon():
+    """Of a level camera rows above the ground end, full ones between the coarse: height over y."""
+    camera = csm.Camera.look_at((0, 1.5, 0), (0, 1.5, -1), fov_y_deg=60, far=1000, size=(40, 36))
+    small = camera.replace(size=(10, 9), half_width=camera.half_width,
+                           half_height=camera.half_height)  # fmt: skip
+    _, y = small.pixel_plane()
+    ground = np.repeat((y < -0.01)[:, None], 10, axis=1)  # the middle row looks along it
+    depth = np.where(ground, 1.5 / np.maximum(-y[:, None], 1e-9), 1000.0).astype(np.float32)
+    frame = SimpleNamespace(view_depth=depth, valid=ground)
+    points, part = ends_of(camera, small, frame, ground, EVERYWHERE)
+    assert points[:, 1] == pytest.approx(0.0, abs=1e-3)
+    last = y[y < -0.01].max()
+    rows = camera.pixel_plane()[1]
+    between = rows[(rows < 0.0) & (rows > last + 1e-9)]
+    found = np.unique(np.round(-points[-points[:, 2] > 1.5 / -last * 1.01, 2], 2))
+    assert found == pytest.approx(np.sort(1.5 / -between), rel=1e-3)
+    assert part.size == (40, 8)  # two rows of coarse pixels
+    nearer = np.array([[-1e6, -1.0, -20.0], [1e6, 1.0, 0.0]])
+    kept, _ = ends_of(camera, small, frame, ground, nearer)
+    assert 0 < len(kept) < len(points)
+    assert kept[:, 2].min() >= -20.1
+
+
+# -- edges -----------------------------------------------------------------------------------------
+
+
+def edges_by_hand(camera, frame, judged, lit, shrink):
+    height, width = lit.shape
+    slopes = edge_slopes(lit)
+    found = []
+    for axis in (0, 1):
+        for row in range(height - axis):
+            for column in range(width - 1 + axis):
+                one, other = (row, column), (row + axis, column + 1 - axis)
+                if not (judged[one] and judged[other] and lit[one] != lit[other]):
+                    continue
+                across = np.array([slope[one] + slope[other] for slope in slopes])
+                length = np.hypot(*across)
+                across = across / length if length > 1e-9 else np.eye(2)[axis]
+                dark = other if lit[one] else one
+                point = pixel_point(camera, frame.view_depth, *dark)
+                found.append((dark, point, frame.normal[dark], across, shrink * abs(across[axis])))
+    every = max(1, -(-len(found) // 3000))
+    return found[::every], every
+
+
+@pytest.mark.parametrize("orthographic", [False, True])
+@pytest.mark.parametrize("size", [*SIZES, (40, 60)])
+def test_edges_by_hand(size, orthographic):
+    rng = np.random.default_rng(sum(size))
+    camera, shape = camera_of(size, orthographic), size[::-1]
+    frame = SimpleNamespace(
+        view_depth=rng.uniform(1, 9, shape).astype(np.float32),
+        normal=rng.normal(size=(*shape, 3)).astype(np.float32),
+    )
+    checks = np.indices(shape).sum(axis=0) % 2 == 0  # whose means are level
+    for judged, lit in (
+        (rng.random(shape) < 0.8, rng.random(shape) < 0.5),
+        (np.ones(shape, bool), checks),
+        (np.zeros(shape, bool), checks),
+    ):
+        edges = edges_of(camera, frame, judged, lit, 3.5)
+        expected, every = edges_by_hand(camera, frame, judged, lit, 3.5)
+        assert every == (2 if size == (40, 60) and judged.all() else 1)
+        assert len(edges["rows"]) == len(expected)
+        for k, (dark, point, normal, across, length) in enumerate(expected):
+            assert (edges["rows"][k], edges["columns"][k]) == dark
+            assert edges["point"][k] == pytest.approx(point, rel=1e-12)
+            assert np.array_equal(edges["normal"][k], normal)
+            assert edges["across"][k] == pytest.approx(across, abs=1e-14)
+            assert edges["length"][k] == pytest.approx(length * every, abs=1e-12)
+
+
+# -- occluders -------------------------------------------------------------------------------------
+
+
+@pytest.fixture(params=["affine", "projective"])
+def lookups(request):
+    """A frame of two maps, and points of which some fall outside, with normals."""
+    rng = np.random.default_rng(8)
+    matrices = np.tile(np.eye(4), (2, 1, 1))
+    matrices[:, :3] += rng.uniform(-0.3, 0.3, (2, 3, 4))
+    if request.param == "projective":
+        matrices[:, 3, :3] = rng.uniform(0.0, 0.2, (2, 3))
+    # a map of layers, holes among them, and one of noise
+    near = np.where(rng.random((9, 9)) < 0.1, 1.0, 0.1 + 0.2 * (np.arange(9) > 4))
+    depths = [near, rng.random((9, 9))]
+    shape, count = (20, 30), 600
+    frame = maps_of(
+        depths,
+        matrices=matrices,
+        mask=(rng.random(shape) < 0.3).astype(np.float32),
+        cascade_index=rng.choice(np.array([0, 1, 255], np.uint8), shape),
+    )
+    rows, columns = np.indices(shape).reshape(2, -1)
+    normals = rng.normal(size=(count, 3))
+    u, v = matrices[0, :2, :3]
+    normals[0], frame.cascade_index[0, 0] = u + v, 0  # not along the light
+    normals[1], frame.cascade_index[0, 1] = np.cross(np.cross(u, v), u), 0  # along it
+    return frame, rng.uniform(-0.2, 1.2, (count, 3)), normals, rows, columns
+
+
+def looked_up(frame, point, cascade, reach):
+    """u, v [texels] of a point, and (u, v, gap [m]) of the texels around it."""
+    moved = frame.cascades.uvz_from_world[cascade] @ [*point, 1.0]
+    depths, (near, far) = frame.shadow_maps[cascade], frame.cascades.depth_range[cascade]
+    u, v = moved[:2] / moved[3] * len(depths)
+    middle = [min(max(int(np.floor(p)), reach), len(depths) - 1 - reach) for p in (u, v)]
+    steps = range(-reach, reach + 1)
+    texels = [(middle[0] + i, middle[1] + j) for j in steps for i in steps]
+    return (u, v), [
+        (i, j, (moved[2] / moved[3] - float(depths[j, i])) * (far - near)) for i, j in texels
+    ]
+
+
+def test_gaps_by_hand(lookups):
+    frame, points, _, rows, columns = lookups
+    gaps = gaps_of(frame, points, rows, columns)
+    met = 0
+    for k, point in enumerate(points):
+        at, expected = (rows[k], columns[k]), np.inf
+        if frame.cascade_index[at] < 2 and frame.mask[at] < 0.5:
+            gap = looked_up(frame, point, frame.cascade_index[at], 0)[1][0][2]
+            expected = gap if gap > 0.0 else np.inf
+        met += np.isfinite(expected)
+        assert gaps[k] == pytest.approx(expected, rel=1e-12)
+    assert 50 < met < 500
+
+
+def test_blockers_by_hand(lookups):
+    """A point's own plane is met by solving for where it lies over a texel's centre."""
+    frame, points, normals, rows, columns = lookups
+    edges = {"rows": rows, "columns": columns, "point": points, "normal": normals}
+    distances = blockers_of(frame, edges)
+    texel = frame.cascades.texel_size.max()
+    met = 0
+    for k, (point, normal) in enumerate(zip(points, normals, strict=True)):
+        cascade = frame.cascade_index[rows[k], columns[k]]
+        if cascade == 255:
+            assert distances[k] == 0.0
+            continue
+        size = len(frame.shadow_maps[cascade])
+        span = float(np.diff(frame.cascades.depth_range[cascade])[0])
+        matrix = frame.cascades.uvz_from_world[cascade][:3, :3]
+        system = np.stack([matrix[0], matrix[1], normal])
+        slopes = np.zeros(2)  # [m per map]
+        if k != 1:
+            slopes = [span * matrix[2] @ np.linalg.solve(system, e) for e in np.eye(3)[:2]]
+        least = texel * (0.5 + 0.25 * np.abs(slopes).sum() / (size * texel))
+        (u, v), around = looked_up(frame, point, cascade, 1)
+        gaps = [g + ((i + 0.5 - u) * slopes[0] + (j + 0.5 - v) * slopes[1]) / size
+                for i, j, g in around]  # fmt: skip
+        held = [gap for gap in gaps if gap > least]
+        met += bool(held)
+        expected = 0.5 * (min(held) + max(held)) if held else 0.5 * texel
+        assert distances[k] == pytest.approx(expected, rel=1e-9)
+    assert met > 100
+
+
+def test_layers_by_hand(lookups):
+    frame, points, _, rows, columns = lookups
+    texel = frame.cascades.texel_size.max()
+    full, layered = 0, 0
+    for k, point in enumerate(points):
+        cascade = frame.cascade_index[rows[k], columns[k]]
+        if cascade < 2:
+            gaps = np.array([gap for *_, gap in looked_up(frame, point, cascade, 2)[1]])
+            if (gaps > 0.5 * texel).all():
+                full += 1
+                layered += gaps.var() > 0.1 * (gaps.var() + gaps.mean() ** 2)
+    assert 0 < layered < full
+    assert layered_share_of(frame, points, rows, columns) == pytest.approx(layered / full)
+    nowhere = points[:0], rows[:0], columns[:0]
+    assert layered_share_of(frame, *nowhere) == 0.0
+
+
+# -- refusals --------------------------------------------------------------------------------------
+
+
+def test_arrays_of_other_sizes_are_refused():
+    camera, axes = camera_of((4, 3)), np.eye(3)[:2]
+    depth, seen = np.ones((3, 4), np.float32), np.ones((3, 4), bool)
+    frame = SimpleNamespace(view_depth=depth, valid=seen, normal=np.ones((3, 4, 3), np.float32))
+    none = np.empty((0, 3))
+    with pytest.raises(ValueError, match=r"facing: expected shape \(3, 4\), got \(4, 3\)"):
+        outline_of([(camera, depth, seen.T)], none, axes)
+    with pytest.raises(ValueError, match="points"):
+        outline_of([(camera, depth, seen)], np.empty((2, 2)), axes)
+    with pytest.raises(ValueError, match="pictures"):
+        outline_of([], none, axes)
+    with pytest.raises(ValueError, match="light_axes"):
+        outline_of([(camera, depth, seen)], none, axes[:1])
+    with pytest.raises(ValueError, match="facing"):
+        ends_of(camera, camera, frame, seen[:2], EVERYWHERE)
+    with pytest.raises(ValueError, match="bounds"):
+        ends_of(camera, camera, frame, seen, EVERYWHERE[0])
+    for name in ("judged", "lit"):
+        given = {"judged": seen, "lit": seen} | {name: seen[:, 1:]}
+        with pytest.raises(ValueError, match=name):
+            edges_of(camera, frame, **given, shrink=1.0)
+
+
+def test_maps_and_points_that_do_not_fit_are_refused(lookups):
+    frame, points, normals, rows, columns = lookups
+    for shape in ((1, 4, 4), (1, 8, 9)):
+        with pytest.raises(ValueError, match="shadow_maps must be square, of at least 5"):
+            thin_share_of(maps_of(np.ones(shape)))
+    frame.cascades.texel_size = frame.cascades.texel_size[:1]
+    with pytest.raises(ValueError, match="texel_size"):
+        thin_share_of(frame)
+    frame = maps_of(frame.shadow_maps, mask=frame.mask, cascade_index=frame.cascade_index)
+    with pytest.raises(ValueError, match="cascade_index"):
+        gaps_of(frame, points, rows[1:], columns[1:])
+    edges = {"rows": rows, "columns": columns, "point": points, "normal": normals[1:]}
+    with pytest.raises(ValueError, match="normals"):
+        blockers_of(frame, edges)
+    frame.cascades.uvz_from_world = frame.cascades.uvz_from_world[:1]
+    with pytest.raises(ValueError, match="uvz_from_world"):
+        layered_share_of(frame, points, rows, columns)
