@@ -19,14 +19,12 @@ from csm.sampling import edge_slopes
 
 SIZES = [(9, 7), (1, 8), (8, 1), (1, 1), (2, 3)]  # width, height
 FLAT = 0.02
-EVERYWHERE = np.array([[-1e6] * 3, [1e6] * 3])
+EVERYWHERE = np.array([[-2e3] * 3, [2e3] * 3])
 
 
 def camera_of(size, orthographic=False):
-    place = (3.0, 2.0, 5.0), (1.0, 1.0, -4.0)
-    if orthographic:
-        return csm.Camera.orthographic_look_at(*place, width=8, near=0.5, far=300, size=size)
-    return csm.Camera.look_at(*place, fov_y_deg=50, near=0.5, far=300, size=size)
+    camera = csm.Camera.look_at((3, 2, 5), (1, 1, -4), fov_y_deg=50, near=0.5, far=300, size=size)
+    return camera.replace(orthographic=True) if orthographic else camera
 
 
 def point_of(camera, x, y, depth):
@@ -131,7 +129,7 @@ def outline_by_hand(pictures, points, axes):
         for k in range(16):
             along = np.array([np.cos(k * np.pi / 8), np.sin(k * np.pi / 8)]) @ axes
             if inside:
-                kept.add(tuple(max(inside, key=lambda point: point @ along)))  # noqa: B023
+                kept.add(tuple(max(inside, key=lambda point: point @ along)))
     return kept
 
 
@@ -185,8 +183,7 @@ def ends_by_hand(camera, small, frame, facing):
                     continue
                 if not seen and last + step <= 0.0 and not camera.orthographic:
                     box += [(row, column), ahead if inside else (row, column)]
-                side = 1 if down else 0
-                for pixel in range(full[1 - side] if not down else full[1]):
+                for pixel in range(full[1] if down else full[0]):
                     ratio = (full[1] / height) if down else (full[0] / width)
                     place = (pixel + 0.5) / ratio - 0.5  # in coarse pixels
                     far = (place - (row if down else column)) * (down or right)
@@ -210,12 +207,12 @@ def test_ends_of_planes_by_hand(size, ratio, orthographic):
     camera = camera_of((size[0] * ratio, size[1] * ratio), orthographic)
     small = camera.replace(size=size, half_width=camera.half_width, half_height=camera.half_height)
     total = boxes = 0
-    for _ in range(6):
+    for trial in range(6):
         rows, columns = np.indices(size[::-1])
-        planes = [
-            a + b * rows + c * columns
-            for a, b, c in zip(*(rng.uniform(*r, 3) for r in ((0.1, 1), (-0.05, 0.05), (-0.05, 0.05))), strict=True)
-        ]  # fmt: skip
+        level, tilts = rng.uniform(0.1, 1.0, 3), rng.uniform(-0.05, 0.05, (3, 2))
+        planes = [a + b * rows + c * columns for a, (b, c) in zip(level, tilts, strict=True)]
+        if trial % 2:
+            planes[0] = 0.03 * (size[1] // 2 - rows + 0.3)  # up to a horizon
         which = (rows + columns > rng.uniform(0, 20)).astype(int) + (rng.random(size[::-1]) < 0.1)
         linear = np.choose(which, planes)
         valid = (linear > 1 / 250) & (rng.random(size[::-1]) < 0.97)
@@ -227,7 +224,7 @@ def test_ends_of_planes_by_hand(size, ratio, orthographic):
         assert len(points) == len(expected)
         assert by_row(points) == pytest.approx(by_row(expected), rel=1e-9)
         half = np.array([EVERYWHERE[0], camera.eye])
-        inside = [point for point in expected if (point < camera.eye).all()]
+        inside = [point for point in expected if (point < camera.eye + 2e-3).all()]
         assert len(ends_of(camera, small, frame, facing, half)[0]) == len(inside)
         if not box:
             assert part is None
@@ -243,11 +240,11 @@ def test_ends_of_planes_by_hand(size, ratio, orthographic):
 
 def test_ground_ends_at_its_horizon():
     """Of a level camera rows above the ground end, full ones between the coarse: height over y."""
-    camera = csm.Camera.look_at((0, 1.5, 0), (0, 1.5, -1), fov_y_deg=60, far=1000, size=(40, 36))
-    small = camera.replace(size=(10, 9), half_width=camera.half_width,
-                           half_height=camera.half_height)  # fmt: skip
+    camera = csm.Camera.look_at((0, 1.5, 0), (0, 1.5, -1), fov_y_deg=60, far=1000, size=(40, 54))
+    size = (20, 27)
+    small = camera.replace(size=size, half_width=camera.half_width, half_height=camera.half_height)
     _, y = small.pixel_plane()
-    ground = np.repeat((y < -0.01)[:, None], 10, axis=1)  # the middle row looks along it
+    ground = np.repeat((y < -0.01)[:, None], 20, axis=1)  # the middle row looks along it
     depth = np.where(ground, 1.5 / np.maximum(-y[:, None], 1e-9), 1000.0).astype(np.float32)
     frame = SimpleNamespace(view_depth=depth, valid=ground)
     points, part = ends_of(camera, small, frame, ground, EVERYWHERE)
@@ -257,8 +254,8 @@ def test_ground_ends_at_its_horizon():
     between = rows[(rows < 0.0) & (rows > last + 1e-9)]
     found = np.unique(np.round(-points[-points[:, 2] > 1.5 / -last * 1.01, 2], 2))
     assert found == pytest.approx(np.sort(1.5 / -between), rel=1e-3)
-    assert part.size == (40, 8)  # two rows of coarse pixels
-    nearer = np.array([[-1e6, -1.0, -20.0], [1e6, 1.0, 0.0]])
+    assert part.size == (40, 4)  # two rows of coarse pixels
+    nearer = np.array([[-2e3, -1.0, -20.0], [2e3, 1.0, 0.0]])
     kept, _ = ends_of(camera, small, frame, ground, nearer)
     assert 0 < len(kept) < len(points)
     assert kept[:, 2].min() >= -20.1
@@ -326,7 +323,8 @@ def lookups(request):
     if request.param == "projective":
         matrices[:, 3, :3] = rng.uniform(0.0, 0.2, (2, 3))
     # a map of layers, holes among them, and one of noise
-    near = np.where(rng.random((9, 9)) < 0.1, 1.0, 0.1 + 0.2 * (np.arange(9) > 4))
+    near = np.tile(np.where(np.arange(9) > 6, 0.4, 0.1), (9, 1))
+    near[1, 1] = near[7, 3] = 1.0
     depths = [near, rng.random((9, 9))]
     shape, count = (20, 30), 600
     frame = maps_of(
@@ -338,8 +336,7 @@ def lookups(request):
     rows, columns = np.indices(shape).reshape(2, -1)
     normals = rng.normal(size=(count, 3))
     u, v = matrices[0, :2, :3]
-    normals[0], frame.cascade_index[0, 0] = u + v, 0  # not along the light
-    normals[1], frame.cascade_index[0, 1] = np.cross(np.cross(u, v), u), 0  # along it
+    normals[0], frame.cascade_index[0, 0] = u + v, 0  # of a wall along the light
     return frame, rng.uniform(-0.2, 1.2, (count, 3)), normals, rows, columns
 
 
@@ -387,7 +384,7 @@ def test_blockers_by_hand(lookups):
         matrix = frame.cascades.uvz_from_world[cascade][:3, :3]
         system = np.stack([matrix[0], matrix[1], normal])
         slopes = np.zeros(2)  # [m per map]
-        if k != 1:
+        if k != 0:
             slopes = [span * matrix[2] @ np.linalg.solve(system, e) for e in np.eye(3)[:2]]
         least = texel * (0.5 + 0.25 * np.abs(slopes).sum() / (size * texel))
         (u, v), around = looked_up(frame, point, cascade, 1)
