@@ -19,6 +19,7 @@ from csm.sampling import edge_slopes
 
 SIZES = [(9, 7), (1, 8), (8, 1), (1, 1), (2, 3)]  # width, height
 FLAT = 0.02
+WALLS = 10
 EVERYWHERE = np.array([[-2e3] * 3, [2e3] * 3])
 
 
@@ -238,6 +239,19 @@ def test_ends_of_planes_by_hand(size, ratio, orthographic):
         assert orthographic or boxes
 
 
+def test_a_wall_ends_at_the_border_of_the_picture():
+    """Whatever lies next in memory: of every row and column the outer half of both last pixels."""
+    camera = camera_of((14, 10))
+    small = camera.replace(size=(7, 5), half_width=camera.half_width,
+                           half_height=camera.half_height)  # fmt: skip
+    seen = np.ones((5, 7), bool)
+    frame = SimpleNamespace(view_depth=np.full((5, 7), 8.0, np.float32), valid=seen)
+    points, part = ends_of(camera, small, frame, seen, EVERYWHERE)
+    assert len(points) == 2 * 5 + 2 * 7
+    assert part is None
+    assert (points - camera.eye) @ -camera.backward == pytest.approx(8.0)
+
+
 def test_ground_ends_at_its_horizon():
     """Of a level camera rows above the ground end, full ones between the coarse: height over y."""
     camera = csm.Camera.look_at((0, 1.5, 0), (0, 1.5, -1), fov_y_deg=60, far=1000, size=(40, 54))
@@ -311,6 +325,18 @@ def test_edges_by_hand(size, orthographic):
             assert edges["length"][k] == pytest.approx(length * every, abs=1e-12)
 
 
+@pytest.mark.parametrize(("pairs", "count", "every"), [(3000, 3000, 1), (3001, 1501, 2)])
+def test_edges_are_counted_up_to_three_thousand(pairs, count, every):
+    camera, shape = camera_of((pairs + 1, 1)), (1, pairs + 1)
+    frame = SimpleNamespace(
+        view_depth=np.ones(shape, np.float32), normal=np.ones((*shape, 3), np.float32)
+    )
+    lit = np.indices(shape)[1] % 2 == 0
+    edges = edges_of(camera, frame, np.ones(shape, bool), lit, 2.0)
+    assert len(edges["rows"]) == count
+    assert edges["length"] == pytest.approx(2.0 * every)
+
+
 # -- occluders -------------------------------------------------------------------------------------
 
 
@@ -336,7 +362,8 @@ def lookups(request):
     rows, columns = np.indices(shape).reshape(2, -1)
     normals = rng.normal(size=(count, 3))
     u, v = matrices[0, :2, :3]
-    normals[0], frame.cascade_index[0, 0] = u + v, 0  # of a wall along the light
+    # of walls along the light, but for rounding
+    normals[:WALLS], frame.cascade_index[0, :WALLS] = rng.normal(size=(WALLS, 2)) @ (u, v), 0
     return frame, rng.uniform(-0.2, 1.2, (count, 3)), normals, rows, columns
 
 
@@ -384,7 +411,7 @@ def test_blockers_by_hand(lookups):
         matrix = frame.cascades.uvz_from_world[cascade][:3, :3]
         system = np.stack([matrix[0], matrix[1], normal])
         slopes = np.zeros(2)  # [m per map]
-        if k != 0:
+        if k >= WALLS:
             slopes = [span * matrix[2] @ np.linalg.solve(system, e) for e in np.eye(3)[:2]]
         least = texel * (0.5 + 0.25 * np.abs(slopes).sum() / (size * texel))
         (u, v), around = looked_up(frame, point, cascade, 1)
