@@ -13,9 +13,7 @@
 
 #include "coarse.h"
 
-#define FLAT                                                                                       \
-    0.02       /* of the step from pixel to pixel, that the next one may differ by on a plane      \
-                */
+#define FLAT 0.02 /* of the step from pixel to pixel, that the next may differ by on a plane */
 #define WAYS 4 /* down, up, right, left: bit 1 is the axis, 0 along columns; bit 0 is backwards */
 
 /* One plane's last pixel. Places count along the way, from the border where it starts. */

@@ -13,12 +13,12 @@ typedef struct thin_count {
     size_t thin, outline; /* outline: once along u and once along v */
 } thin_count;
 
-/* A texel, and those within two before and after it along u and v. */
 static inline float farther(float one, float other) {
     return one > other ? one : other;
 }
 
-/* Adds up one texel: farther depths within two texels before and after it, along u and v. */
+/* Adds up one texel; left to above: the farther of the depths within two texels before and after
+ * it, along u and v. */
 static inline void count_texel(float depth, float left, float right, float below, float above,
                                float jump, int *thin, int *outline) {
     const int before[2] = {left - depth > jump, below - depth > jump};

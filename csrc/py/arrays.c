@@ -108,6 +108,39 @@ PyArrayObject *csm_py_rows(PyObject *object, const char *name, int type, int col
     return array;
 }
 
+PyArrayObject *csm_py_shaped(PyObject *object, const char *name, int type, int dimensions,
+                             const npy_intp *shape) {
+    PyArrayObject *array = (PyArrayObject *)PyArray_FromAny(object, PyArray_DescrFromType(type), 0,
+                                                            0, NPY_ARRAY_CARRAY_RO, NULL);
+    if (!array) {
+        return NULL;
+    }
+    bool same = PyArray_NDIM(array) == dimensions;
+    for (int i = 0; same && i < dimensions; i++) {
+        same = shape[i] < 0 || PyArray_DIM(array, i) == shape[i];
+    }
+    if (same) {
+        return array;
+    }
+    PyObject *got = PyObject_GetAttrString((PyObject *)array, "shape");
+    PyObject *expected = PyTuple_New(dimensions);
+    for (int i = 0; expected && i < dimensions; i++) {
+        PyObject *side = shape[i] < 0 ? PyUnicode_FromString("any") : PyLong_FromSsize_t(shape[i]);
+        if (!side) {
+            Py_CLEAR(expected);
+            break;
+        }
+        PyTuple_SET_ITEM(expected, i, side);
+    }
+    if (got && expected) {
+        PyErr_Format(PyExc_ValueError, "%s: expected shape %R, got %R", name, expected, got);
+    }
+    Py_XDECREF(got);
+    Py_XDECREF(expected);
+    Py_DECREF(array);
+    return NULL;
+}
+
 int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *out_count) {
     PyArrayObject *array =
         (PyArrayObject *)PyArray_FROMANY(object, NPY_DOUBLE, 3, 3, NPY_ARRAY_CARRAY_RO);

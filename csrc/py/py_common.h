@@ -56,6 +56,10 @@ PyObject *csm_py_new_mat4_array(npy_intp count);
  * new reference, or NULL with an exception that names the argument. */
 PyArrayObject *csm_py_rows(PyObject *object, const char *name, int type, int columns);
 
+/* The same of exactly this shape, in which a side of -1 may have any length. */
+PyArrayObject *csm_py_shaped(PyObject *object, const char *name, int type, int dimensions,
+                             const npy_intp *shape);
+
 /* (?, 4, 4) float64 of any strides to column-major memory, from PyMem_Malloc; *out_count matrices.
  */
 int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *out_count);
@@ -90,6 +94,9 @@ extern PyMethodDef csm_py_coverage_methods[];
 
 /* coarse_functions.c */
 extern PyMethodDef csm_py_coarse_methods[];
+
+/* coarse_map_functions.c */
+extern PyMethodDef csm_py_coarse_map_methods[];
 
 /* scene_arguments.c */
 
