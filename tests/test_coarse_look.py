@@ -252,6 +252,24 @@ def test_a_wall_ends_at_the_border_of_the_picture():
     assert (points - camera.eye) @ -camera.backward == pytest.approx(8.0)
 
 
+@pytest.mark.parametrize(("bend", "goes_on"), [(0.019, True), (-0.019, True), (0.021, False)])
+@pytest.mark.parametrize("at", [2, 3])  # the step before or after the last of three pixels
+def test_a_plane_bends_by_two_per_cent_of_a_step(bend, goes_on, at):
+    """Three pixels in a row that bend more are none (at 2), and end if the next bends so (at 3)."""
+    camera = camera_of((20, 4)).replace(orthographic=True)
+    small = camera.replace(size=(5, 1), half_width=camera.half_width,
+                           half_height=camera.half_height)  # fmt: skip
+    steps = (1, 1 + bend, 5, 1) if at == 2 else (1, 1, 1 + bend, 1)
+    depth = 8.0 + np.concatenate([[0.0], np.cumsum(steps)])
+    frame = SimpleNamespace(view_depth=depth[None].astype(np.float32), valid=np.ones((1, 5), bool))
+    facing = np.array([[True, True, True, False, False]])
+    points, _ = ends_of(camera, small, frame, facing, EVERYWHERE)
+    along = (points - camera.eye) @ camera.right
+    to_the_right = along[along > small.pixel_plane()[0][2]]
+    # four pixels lie between the centres of two coarse ones
+    assert len(to_the_right) == (4 if goes_on == (at == 2) else 0)
+
+
 def test_ground_ends_at_its_horizon():
     """Of a level camera rows above the ground end, full ones between the coarse: height over y."""
     camera = csm.Camera.look_at((0, 1.5, 0), (0, 1.5, -1), fov_y_deg=60, far=1000, size=(40, 54))
