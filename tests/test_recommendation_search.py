@@ -175,7 +175,7 @@ def test_even_splits_that_are_all_a_camera_allows_are_no_choice(renderer):
     camera = csm.Camera.orthographic(
         (0, 6, 30), (0, 0, 0), height=12, near=-5, far=400, size=(320, 180)
     )
-    found = csm.recommend(csm.scenes.wires(), camera, csm.Sun((1, 0.2, 0.1)), renderer=renderer)
+    found = csm.recommend(csm.scenes.fence(), camera, csm.Sun((1, 0.2, 0.1)), renderer=renderer)
     assert found.settings.cascade_count > 1
     assert found.settings.split == "uniform"
     (reason,) = (one for one in found.reasons if one.effect == "split")
