@@ -304,6 +304,43 @@ def coarse_gaps(
 def coarse_blockers(
     maps: _CoarseMaps, points: ArrayLike, normals: ArrayLike, cascade_index: ArrayLike
 ) -> NDArray[np.float64]: ...
+def arrange(
+    camera: _Camera,
+    uvz_from_world: ArrayLike,
+    splits: ArrayLike,
+    sides: ArrayLike,
+    by_interval: bool,
+    points: ArrayLike,
+    gradients: ArrayLike,
+    axes: ArrayLike,
+    steps_across: ArrayLike,
+    lengths: ArrayLike,
+    bias_texels: float,
+    steepest: float,
+    most_moved: float,
+) -> tuple[
+    NDArray[np.float64],  # moved
+    NDArray[np.float64],  # reach
+    NDArray[np.int32],  # edge_cascade
+    NDArray[np.float64],  # receiver_bias
+    NDArray[np.int32],  # receiver_cascade
+    NDArray[np.float64],  # displaced
+    NDArray[np.bool_],  # held
+]: ...
+def sum_capped(
+    window: ArrayLike, sides: ArrayLike, values: ArrayLike, weights: ArrayLike, most: float
+) -> NDArray[np.float64]: ...
+def sum_missing(
+    window: ArrayLike, sides: ArrayLike, values: ArrayLike, wide: ArrayLike, weights: ArrayLike
+) -> NDArray[np.float64]: ...
+def count_less(
+    window: ArrayLike, sides: ArrayLike, gaps: ArrayLike, values: ArrayLike
+) -> NDArray[np.int64]: ...
+def least_part(values: ArrayLike, wide: ArrayLike, weights: ArrayLike, allowed: float) -> float: ...
+def casters_load(
+    casters: Any, uvz_from_world: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+def casters_first(casters: Any, uvz_from_world: ArrayLike) -> NDArray[np.int32]: ...
 def validate_settings(settings: Any, /) -> None: ...
 def canonical_settings(settings: Any, /) -> dict[str, Any]: ...
 def effect_table() -> list[_Effect]: ...

@@ -4,9 +4,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import _core
 from .cascades import fit_cascades
-from .sampling import mean_displacement, surface_steps, uv_gradients
-from .spaces import transform_points
 
 __all__ = ["FARTHEST", "LEFT_OUT", "USUAL", "Arranged", "arrange", "narrowest"]
 
@@ -34,6 +33,8 @@ class Arranged:
         That answer for edges and receivers.
     receiver_bias : (m,) float64
         Along the light [m].
+    displaced : (n,) float64
+        Edges' displacements by each cascade, times their lengths [pixels²].
     windows : (n,) float64
         Longer side of each window [m].
     held : (n,) bool
@@ -47,20 +48,10 @@ class Arranged:
     edge_cascade: np.ndarray
     receiver_bias: np.ndarray
     receiver_cascade: np.ndarray
+    displaced: np.ndarray
     windows: np.ndarray
     held: np.ndarray
     cascades: object
-
-    def displaced(self, lengths):
-        """Edges' displacement of each cascade, times their lengths (n,) [pixels²].
-
-        Parameters
-        ----------
-        lengths : (e,) float64
-            [pixels].
-        """
-        moved = np.minimum(self.moved, FARTHEST * USUAL)
-        return np.bincount(self.edge_cascade, lengths * moved, len(self.windows))
 
 
 def arrange(view, settings, scene):
@@ -77,31 +68,26 @@ def arrange(view, settings, scene):
     arranged : Arranged
     """
     # windows round a sample alone would be smaller than real ones, and leave out edges
-    held = np.concatenate([view.receivers, view.edges, view.outline])
-    cascades = fit_cascades(view.camera, view.sun, settings, scene=scene, receivers=held)
-    windows = cascades.texel_size.max(axis=1) * np.asarray(cascades.map_size, float)
-    points = np.concatenate([view.receivers, view.edges])
-    selected = _selected(cascades, view.camera, settings, points)
-    taken, cascade = np.split(selected, [len(view.receivers)])
-    bias = BIAS_TEXELS * windows[taken] * np.minimum(view.gradients, STEEPEST)
-    across = np.abs(_across(view, cascades, settings, cascade))
-    reach = np.linalg.norm(across, axis=1)  # of a disc one map wide: an ellipse in the picture
-    moved = mean_displacement(across)
-    depths = (held - view.camera.eye) @ -view.camera.backward
-    slices = np.searchsorted(cascades.splits[1:-1], depths)
-    some = np.bincount(slices, minlength=cascades.count) > 0
-    return Arranged(moved, reach, cascade, bias, taken, windows, some, cascades)
-
-
-def _across(view, cascades, settings, cascade):
-    """How far a step over a whole map along u and v leads across each edge (e, 2) [pixels]."""
-    uvz = np.asarray(cascades.uvz_from_world)
-    if settings.warp != "none":  # texels differ from place to place
-        gradients = uv_gradients(uvz[cascade], view.edges)
-        steps = surface_steps(view.camera, view.edges, view.edge_normals, gradients)
-        return np.einsum("ea,eak->ek", view.edge_across, steps)
-    metres = np.linalg.inv(uvz[:, :2, :3] @ view.axes.T)
-    return np.einsum("ek,ekj->ej", view.steps_across, metres[cascade])
+    cascades = fit_cascades(view.camera, view.sun, settings, scene=scene, receivers=view.held)
+    windows = cascades.texel_size.max(axis=1) * cascades.map_size
+    moved, reach, edge_cascade, bias, receiver_cascade, displaced, held = _core.arrange(
+        view.camera,
+        cascades.uvz_from_world,
+        cascades.splits,
+        windows,
+        settings.select == "interval",
+        view.held,
+        view.gradients,
+        view.axes,
+        view.steps_across,
+        view.edge_lengths,
+        BIAS_TEXELS,
+        STEEPEST,
+        FARTHEST * USUAL,
+    )
+    return Arranged(
+        moved, reach, edge_cascade, bias, receiver_cascade, displaced, windows, held, cascades
+    )
 
 
 def narrowest(reach, wide, lengths):
@@ -119,29 +105,4 @@ def narrowest(reach, wide, lengths):
     allowed = LEFT_OUT * float(lengths @ wide)
     if not allowed > 0.0:
         return 0.0
-    # what a kernel of part q leaves out falls with q, along straight lines between the edges' own
-    reach = np.maximum(reach, 1e-12)
-    parts = wide / reach
-    order = np.argsort(-parts)
-    parts, gain = parts[order], (lengths * reach)[order]
-    slope = np.cumsum(gain)
-    left = np.cumsum(gain * parts) - slope * np.append(parts[1:], 0.0)  # down at the next edge
-    at = int(np.argmax(left >= allowed))
-    below = float(np.append(parts[1:], 0.0)[at])
-    return below + (float(left[at]) - allowed) / float(slope[at])
-
-
-def _selected(cascades, camera, settings, points):
-    """Index (m,) of the cascade that answers for each point."""
-    if settings.select == "interval":
-        depth = (points - camera.eye) @ -camera.backward
-        return np.searchsorted(cascades.splits[1:-1], depth)
-    uvz = np.asarray(cascades.uvz_from_world)
-    if settings.warp != "none":
-        uv = np.stack([transform_points(one, points)[:, :2] for one in uvz])
-    else:
-        uv = points @ uvz[:, :2, :3].transpose(0, 2, 1) + uvz[:, None, :2, 3]
-    near = np.abs(uv - 0.5) <= 0.5
-    inside = near[..., 0] & near[..., 1]
-    inside[-1] = True  # what no map holds is left to the last
-    return inside.argmax(axis=0)
+    return _core.least_part(reach, wide, lengths, allowed)

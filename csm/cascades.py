@@ -186,9 +186,8 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held=None
                 "receivers must be (m, 3) numbers "
                 f"(got shape {receivers.shape}, dtype {receivers.dtype})"
             )
-        finite = np.isfinite(receivers).all(axis=1)
-        if not finite.all():
-            wrong = int(np.argmin(finite))
+        if not np.isfinite(receivers).all():
+            wrong = int(np.argmin(np.isfinite(receivers).all(axis=1)))
             raise ValueError(
                 f"receivers must be finite (number {wrong} is {receivers[wrong].tolist()})"
             )

@@ -11,6 +11,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from . import _core
 from .spaces import frozen
 
 __all__ = ["Casters", "Load", "sample_casters"]
@@ -93,10 +94,9 @@ class Casters:
         -------
         casters : Casters
         """
-        sides = self._boxes(cascades)[1] > 0.0
-        kind = np.where(sides.any(axis=0), sides.argmax(axis=0), len(sides))
+        kind = _core.casters_first(self, cascades.uvz_from_world)
         kept, weight = [], []
-        for one in range(len(sides) + 1):
+        for one in range(cascades.count + 1):
             among = np.flatnonzero(kind == one)
             if len(among) <= KEPT:
                 kept.append(among)
@@ -126,54 +126,7 @@ class Casters:
         -------
         load : Load
         """
-        sides, inside, scale, within = self._boxes(cascades)
-        kinds = 2 * (self.area < 0.0) + self.cut
-        of_kind = np.stack([self.weight * (kinds == k) for k in range(4)], axis=1)
-        layers = (inside * np.abs(self.area)) @ of_kind * scale[:, None]
-        # a triangle that is cut off keeps no more outline than goes round what is left of its box
-        lines = np.where(inside > 0.0, 2.0 * np.hypot(*sides), 0.0) @ of_kind
-        earlier = np.cumsum(within, axis=0) - within > 0
-        return Load(
-            layers.reshape(-1, 2, 2),
-            lines.reshape(-1, 2, 2),
-            (inside > 0.0) @ self.weight,
-            ((inside > 0.0) & ~earlier) @ self.weight,
-        )
-
-    def _boxes(self, cascades):
-        """The boxes on maps.
-
-        Parameters
-        ----------
-        cascades : Cascades
-
-        Returns
-        -------
-        sides : (2, n, t) float64
-            Of what lies within the map, as parts of it.
-        inside : (n, t) float64
-            Share of the box that does.
-        scale : (n,) float64
-            Maps that make a square metre.
-        within : (n, t) bool
-            Whether all of it does.
-        """
-        uvz = np.asarray(cascades.uvz_from_world)
-        turn = uvz[:, :2, :3] @ self.axes.T
-        sides, inside, within = [], 1.0, True
-        for k in (0, 1):
-            at = turn[:, k] @ self.centre.T + uvz[:, k, 3:]
-            half = np.abs(turn[:, k]) @ self.half.T
-            low, high = np.maximum(at - half, 0.0), np.minimum(at + half, 1.0)
-            side, whole = high - low, 2.0 * half
-            # of what is seen edge on, boxes have no width; by rounding a side may exceed the whole
-            part = np.divide(
-                np.minimum(side, whole), whole, out=np.ones_like(side), where=whole > 0.0
-            )
-            inside = inside * np.where(side < 0.0, 0.0, part)
-            within = within & (side >= whole * (1.0 - 1e-12))
-            sides.append(np.maximum(side, 0.0))
-        return np.stack(sides), inside, np.abs(np.linalg.det(turn)), within
+        return Load(*_core.casters_load(self, cascades.uvz_from_world))
 
 
 def sample_casters(scene, axes):

@@ -2,10 +2,12 @@
 
 import math
 from dataclasses import dataclass, fields
+from functools import cached_property
 from operator import attrgetter
 
 import numpy as np
 
+from . import _core
 from .arrangements import FARTHEST, USUAL, arrange, narrowest
 from .settings import ShadowSettings, map_sizes
 
@@ -94,12 +96,15 @@ class Forecaster:
         share : float, or (k,) float64
             0 without edges.
         """
-        area, pixels = 0.0, self._facing()
+        area, pixels = 0.0, self._facing
+        sides = _inside(settings, sides_of(settings, map_size), filter_size)
         for number, view in enumerate(self.signals.views):
-            known = self._taken(number, settings)
             if len(view.edges):
-                moved = known.moved / _size_at(settings, map_size, known.edge_cascade, filter_size)
-                area += (view.edge_lengths * np.minimum(moved, FARTHEST)).sum(axis=-1)
+                known = self._taken(number, settings)
+                area = area + _summed(
+                    _core.sum_capped,
+                    known.edge_cascade, sides, known.moved, view.edge_lengths, FARTHEST,
+                )  # fmt: skip
         factor = EDGE_FACTOR + THIN_FACTOR * self.signals.thin_share
         sizes = map_sizes(settings) if map_size is None else map_size
         if np.ndim(map_size) == 2 or (map_size is None and len(set(sizes)) > 1):
@@ -193,15 +198,16 @@ class Forecaster:
             0 where the kernel is as wide as all penumbrae, `penumbra` where it is nothing.
         """
         kernel, area = settings.filter_size if filter_size is None else filter_size, 0.0
+        # a part q of the map reaches q times as far as all of it
+        sides = _inside(settings, sides_of(settings, map_size), filter_size) / _column(kernel)
         for number, view in enumerate(self.signals.views):
             if len(view.edges):
                 known, wide = self._taken(number, settings), self._penumbrae()[number]
-                part = _column(kernel) / _size_at(
-                    settings, map_size, known.edge_cascade, filter_size
-                )
-                missing = np.maximum(wide - part * known.reach, 0.0)
-                area += (view.edge_lengths * missing).sum(axis=-1)
-        pixels = self._facing()
+                area = area + _summed(
+                    _core.sum_missing,
+                    known.edge_cascade, sides, known.reach, wide, view.edge_lengths,
+                )  # fmt: skip
+        pixels = self._facing
         return DISC * area / pixels if pixels else 0.0
 
     def kernel(self, settings, map_size):
@@ -254,11 +260,14 @@ class Forecaster:
         if settings.bias != "auto":
             return 0.0
         lit = count = 0
+        sides = _inside(settings, sides_of(settings, map_size), filter_size)
         for number, view in enumerate(self.signals.views):
             if len(view.gaps):
                 known = self._taken(number, settings)
-                size = _size_at(settings, map_size, known.receiver_cascade, filter_size)
-                lit += np.count_nonzero(view.gaps < known.receiver_bias / size, axis=-1)
+                lit = lit + _summed(
+                    _core.count_less,
+                    known.receiver_cascade, sides, view.gaps, known.receiver_bias,
+                )  # fmt: skip
             count += len(view.gaps)
         return lit / count if count else 0.0
 
@@ -270,7 +279,7 @@ class Forecaster:
         share : float
         """
         if self._soft is None:
-            wide, pixels = self._penumbrae(), self._facing()
+            wide, pixels = self._penumbrae(), self._facing
             views = self.signals.views
             area = sum(float(v.edge_lengths @ w) for v, w in zip(views, wide, strict=True))
             self._soft = DISC * area / pixels if pixels else 0.0
@@ -283,6 +292,7 @@ class Forecaster:
             self._wide = [np.minimum(view.penumbra_widths(), WIDEST) for view in views]
         return self._wide
 
+    @cached_property
     def _facing(self):
         """Pixels of the full pictures that face the sun."""
         views = self.signals.views
@@ -323,8 +333,7 @@ class Forecaster:
             Of each cascade: lengths times displacements by a map of one texel [pixels²].
         """
         return sum(
-            self._taken(number, settings).displaced(view.edge_lengths)
-            for number, view in enumerate(self.signals.views)
+            self._taken(number, settings).displaced for number in range(len(self.signals.views))
         )
 
     def load(self, settings):
@@ -383,17 +392,10 @@ def sides_of(settings, map_size=None):
     return sides if sides.ndim == 2 else sides[..., None]
 
 
-def _size_at(settings, map_size, cascade, filter_size=None):
-    """Texels along the window of each point: a number, (e,), (k, 1) or (k, e)."""
-    if map_size is None:
-        sizes = map_sizes(settings)
-        even = len(set(sizes)) == 1
-        sizes = float(sizes[0]) if even else np.asarray(sizes, float)[cascade]
-    elif np.ndim(map_size) == 2:
-        sizes = np.take(np.asarray(map_size, float), cascade, axis=1)
-    else:
-        sizes = _column(map_size)
-    return _inside(settings, sizes, filter_size)
+def _summed(summed, window, sides, *values):
+    """What a sum of the core makes of values at points: a number, or of sizes (k, ...) as many."""
+    found = summed(window, np.atleast_2d(sides), *values)
+    return found if sides.ndim == 2 else found[0]
 
 
 def _inside(settings, sizes, filter_size=None):

@@ -122,6 +122,11 @@ class View:
         return light_gradients(self.sun)
 
     @cached_property
+    def held(self):
+        """What windows are fitted to (m + e + k, 3): receivers, edges, outline."""
+        return frozen(np.concatenate([self.receivers, self.edges, self.outline]))
+
+    @cached_property
     def steps_across(self):
         """How far a metre along each of `light_gradients` leads across each edge (e, 2) [pixels].
 

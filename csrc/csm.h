@@ -1204,4 +1204,96 @@ void csm_coarse_blockers(const csm_coarse_maps *maps, const csm_coarse_points *p
  * would let through more than a tenth of the light [Lauritzen2007]; 0 of none. */
 double csm_coarse_layered_share(const csm_coarse_maps *maps, const csm_coarse_points *points);
 
+/* ------------------------------------------------------------------------------------------------
+ * 13. Forecasts: what windows make of a coarse view (docs/recommendation.md)
+ *
+ * csm/arrangements.py, csm/forecasts.py and csm/caster_load.py say what the figures mean.
+ */
+
+/* What a camera sees, coarsely: receivers, then points on shadow edges, then others that windows
+ * must hold. */
+typedef struct csm_coarse_view {
+    csm_camera camera;
+    const double *points; /* point_count x 3, world [m] */
+    size_t point_count, receiver_count, edge_count;
+    const double *gradients;    /* receiver_count: what a bias is made of [m/m] */
+    double axes[2][3];          /* unit, across the light */
+    const double *steps_across; /* edge_count x 2: how far a metre along each axis leads across an
+                                   edge [pixels] */
+    const double *lengths;      /* edge_count [pixels] */
+} csm_coarse_view;
+
+/* Any windows of parallel light, and which of them answers for a point. */
+typedef struct csm_arrangement {
+    int count;
+    const double (*uvz_from_world)[16];
+    const double *splits;         /* count + 1 ascending view depths [m] */
+    const double *sides;          /* count: longer side of each window [m] */
+    bool by_interval;             /* the slice that holds the point; otherwise the first map */
+    double bias_texels, steepest; /* of a bias: texels, and the largest gradient */
+    double most_moved;            /* cap of displacements that are summed up [pixels] */
+} csm_arrangement;
+
+/* By maps of one texel: sizes divide it. The arrays are the caller's. */
+typedef struct csm_arranged {
+    double *moved, *reach;                /* edge_count [pixels] */
+    int *edge_cascade, *receiver_cascade; /* edge_count, receiver_count: which window answers */
+    double *receiver_bias;                /* receiver_count, along the light [m] */
+    double displaced[CSM_MAX_CASCADES];   /* lengths times displacements [pixels²] */
+    bool held[CSM_MAX_CASCADES];          /* whether a point lies between the splits */
+} csm_arranged;
+
+/* INVALID_ARGUMENT if a window does not spread over both axes where an edge takes it. */
+csm_status csm_arrange(const csm_coarse_view *view, const csm_arrangement *windows,
+                       csm_arranged *out, csm_error *err);
+
+/* Values at points under maps of several sizes. sides: size_count x columns; with one column all
+ * windows have it, else point i takes column window[i], which must be one. */
+typedef struct csm_sized {
+    size_t point_count, size_count, columns;
+    const int *window;
+    const double *sides;
+} csm_sized;
+
+/* For each size the sum of weights[i] * min(values[i] / side, most). */
+csm_status csm_sum_capped(const csm_sized *sized, const double *values, const double *weights,
+                          double most, double *out, csm_error *err);
+
+/* For each size the sum of weights[i] * max(wide[i] - values[i] / side, 0). */
+csm_status csm_sum_missing(const csm_sized *sized, const double *values, const double *wide,
+                           const double *weights, double *out, csm_error *err);
+
+/* For each size how many of gaps[i] are less than values[i] / side. */
+csm_status csm_count_less(const csm_sized *sized, const double *gaps, const double *values,
+                          int64_t *out, csm_error *err);
+
+/* The least q >= 0 for which the sum of weights[i] * max(wide[i] - q * values[i], 0) is at most
+ * allowed >= 0; nothing is negative. Values below 1e-12 count as that. */
+double csm_least_part(size_t count, const double *values, const double *wide, const double *weights,
+                      double allowed);
+
+/* Triangles across the light, each as the box that it fills in the plane of two axes [m]. */
+typedef struct csm_casters {
+    double axes[2][3];
+    size_t count;
+    const double *centre, *half; /* count x 2 */
+    const double *area;          /* positive towards the light [m²] */
+    const bool *cut;             /* has a cut-out */
+    const double *weight;        /* triangles that it stands for */
+} csm_casters;
+
+/* What they lay on a map. Kinds: facing the light or not (2), without and with a cut-out. */
+typedef struct csm_caster_load {
+    double layers[4], lines[4]; /* how often the map is covered, and how often outlines cross it */
+    double triangles, needed;   /* over the map, and of those not within an earlier one */
+} csm_caster_load;
+
+/* On maps without a warp. */
+void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_from_world)[16],
+                      csm_caster_load *out);
+
+/* The first map that the box of each one meets; count where none does. */
+void csm_casters_first(const csm_casters *casters, int count, const double (*uvz_from_world)[16],
+                       int *out);
+
 #endif

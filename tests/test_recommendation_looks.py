@@ -7,11 +7,9 @@ import pytest
 
 import csm
 from csm import shapes
-from csm.arrangements import _across
 from csm.coarse_look import positions_of
 from csm.forecasts import Forecaster
 from csm.horizons import ends_of
-from csm.sampling import surface_steps, uv_gradients
 from csm.search import KNEE_PIXELS, KNEE_SHARE, NO_MATTER
 from csm.settings import map_sizes
 from csm.signals import coarse_camera, measure_signals
@@ -139,22 +137,6 @@ def test_a_slanted_receiver_is_no_occluder_of_its_own(renderer, elevation):
     distance = 2.0 / np.sin(np.radians(elevation))
     assert np.median(seen.blocker_distances[on_ground]) == pytest.approx(distance, rel=0.05)
     assert np.percentile(seen.blocker_distances[on_ground], 10) > 0.8 * distance
-
-
-@pytest.mark.parametrize("changes", [{}, {"turned": True}, {"light_basis": "world"}])
-def test_steps_of_a_window_are_those_of_its_matrix(renderer, changes):
-    """Windows only scale and turn the steps along the light's axes."""
-    scene = csm.scenes.plane_and_box()
-    camera, sun = scene.cameras["corner"].replace(size=SIZE), scene.suns["diagonal"]
-    (view,) = measure_signals(renderer, scene, [camera], [sun]).views
-    settings = csm.ShadowSettings(cascade_count=2, fit="visible", snap="none", **changes)
-    held = np.concatenate([view.receivers, view.outline])
-    cascades = csm.fit_cascades(camera, sun, settings, scene=scene, receivers=held)
-    cascade = np.arange(len(view.edges)) % 2
-    gradients = uv_gradients(cascades.uvz_from_world[cascade], view.edges)
-    steps = surface_steps(camera, view.edges, view.edge_normals, gradients)
-    expected = np.einsum("ea,eak->ek", view.edge_across, steps)
-    assert _across(view, cascades, settings, cascade) == pytest.approx(expected, rel=1e-9)
 
 
 def missed(width, kernel):

@@ -141,6 +141,17 @@ PyArrayObject *csm_py_shaped(PyObject *object, const char *name, int type, int d
     return NULL;
 }
 
+PyArrayObject *csm_py_counted_rows(PyObject *object, const char *name, int type, int columns,
+                                   npy_intp count) {
+    return csm_py_shaped(object, name, type, columns ? 2 : 1, (npy_intp[]){count, columns});
+}
+
+void csm_py_release_arrays(PyArrayObject **arrays, int count) {
+    for (int i = 0; i < count; i++) {
+        Py_CLEAR(arrays[i]);
+    }
+}
+
 int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *out_count) {
     PyArrayObject *array =
         (PyArrayObject *)PyArray_FROMANY(object, NPY_DOUBLE, 3, 3, NPY_ARRAY_CARRAY_RO);

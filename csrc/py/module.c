@@ -46,6 +46,8 @@ static int core_exec(PyObject *module) {
         PyModule_AddFunctions(module, csm_py_coverage_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_coarse_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_coarse_map_methods) < 0 ||
+        PyModule_AddFunctions(module, csm_py_forecast_methods) < 0 ||
+        PyModule_AddFunctions(module, csm_py_forecast_sum_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_scene_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_settings_methods) < 0) {
         return -1;

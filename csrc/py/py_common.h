@@ -60,6 +60,13 @@ PyArrayObject *csm_py_rows(PyObject *object, const char *name, int type, int col
 PyArrayObject *csm_py_shaped(PyObject *object, const char *name, int type, int dimensions,
                              const npy_intp *shape);
 
+/* The same, of `count` rows. */
+PyArrayObject *csm_py_counted_rows(PyObject *object, const char *name, int type, int columns,
+                                   npy_intp count);
+
+/* Lets go of arrays, of which some may be NULL. */
+void csm_py_release_arrays(PyArrayObject **arrays, int count);
+
 /* (?, 4, 4) float64 of any strides to column-major memory, from PyMem_Malloc; *out_count matrices.
  */
 int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *out_count);
@@ -97,6 +104,10 @@ extern PyMethodDef csm_py_coarse_methods[];
 
 /* coarse_map_functions.c */
 extern PyMethodDef csm_py_coarse_map_methods[];
+
+/* forecast_functions.c, forecast_sum_functions.c */
+extern PyMethodDef csm_py_forecast_methods[];
+extern PyMethodDef csm_py_forecast_sum_methods[];
 
 /* scene_arguments.c */
 

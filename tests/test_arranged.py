@@ -1,0 +1,287 @@
+"""What windows make of a view: the core's loops against plain Python, point by point."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+
+import csm
+from csm import _core
+from csm.arrangements import LEFT_OUT, narrowest
+from csm.sampling import surface_steps, uv_gradients
+from csm.spaces import light_gradients
+
+# Sums of thousands of doubles of one sign, each rounded: 1e-12 of them is far more than that.
+CLOSE = dict(rel=1e-12, abs=1e-12)
+SUN = csm.Sun((0.5, 1.0, 0.3))
+BIAS, STEEPEST, MOST = 0.25, 4.0, 300.0
+
+
+def seen(seed, receivers=60, edges=40, others=25, orthographic=False):
+    """A camera, and points that it may see; normals of those on edges, and ways across them."""
+    rng = np.random.default_rng(seed)
+    eye, target = (0.0, 6.0, 20.0), (1.0, 0.0, 0.0)
+    make = csm.Camera.orthographic if orthographic else csm.Camera.look_at
+    camera = make(eye, target, **({"height": 12.0} if orthographic else {}), near=0.5, far=80.0)
+    count = receivers + edges + others
+    depth = rng.uniform(1.0, 60.0, (count, 1))
+    aside = rng.uniform(-0.7, 0.7, (count, 2)) * (8.0 if orthographic else depth)
+    points = camera.eye - depth * camera.backward + aside @ np.stack([camera.right, camera.up])
+    normals = SUN.to_light + rng.normal(scale=0.4, size=(edges, 3))
+    normals /= np.linalg.norm(normals, axis=1)[:, None]
+    angle = rng.uniform(0.0, 2.0 * np.pi, edges)
+    across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
+    return camera, points, normals, across, rng.uniform(0, 8, receivers), rng.uniform(0, 3, edges)
+
+
+def arranged(camera, cascades, select, points, normals, across, gradients, lengths):
+    """The core's answer, and the windows' longer sides [m]."""
+    edges = points[len(gradients) : len(gradients) + len(lengths)]
+    axes = light_gradients(SUN)
+    steps = np.einsum("ea,eak->ek", across, surface_steps(camera, edges, normals, axes))
+    sides = cascades.texel_size.max(axis=1) * cascades.map_size
+    return _core.arrange(
+        camera, cascades.uvz_from_world, cascades.splits, sides, select == "interval",
+        points, gradients, axes, steps, lengths, BIAS, STEEPEST, MOST,
+    ), sides  # fmt: skip
+
+
+def place(matrix, point):
+    """(u, v) of a point on a map."""
+    at = np.asarray(matrix) @ np.append(point, 1.0)
+    return at[:2] / at[3]
+
+
+def chosen(camera, cascades, select, point):
+    """Which cascade answers, by the definition, and whose slice holds the point."""
+    depth = float((point - camera.eye) @ -camera.backward)
+    last = cascades.count - 1
+    slices = [i for i in range(last) if depth <= cascades.splits[i + 1]] + [last]
+    if select == "interval":
+        return slices[0], slices[0]
+    inside = (
+        i for i in range(last) if all(0.0 <= x <= 1.0 for x in place(cascades.uvz_from_world[i],
+                                                                      point))
+    )  # fmt: skip
+    return next(inside, last), slices[0]
+
+
+CASES = [
+    (count, select, changes, orthographic)
+    for count, select, (changes, orthographic) in itertools.product(
+        (1, 3),
+        ("map", "interval"),
+        (({}, False), ({"turned": True}, False), ({"warp": "lispsm"}, False), ({}, True)),
+    )
+]
+
+
+@pytest.mark.parametrize(("count", "select", "changes", "orthographic"), CASES)
+def test_a_view_is_arranged_as_its_definition_says(count, select, changes, orthographic):
+    camera, points, normals, across, gradients, lengths = seen(7, orthographic=orthographic)
+    settings = csm.ShadowSettings(
+        cascade_count=count, fit="visible", snap="none", split="uniform", **changes
+    )
+    # fitted to some of the points, so that others lie outside of every map
+    cascades = csm.fit_cascades(camera, SUN, settings, receivers=points[::2])
+    told, sides = arranged(camera, cascades, select, points, normals, across, gradients, lengths)
+    moved, reach, edge_cascade, bias, receiver_cascade, displaced, held = told
+    m, e = len(gradients), len(lengths)
+    both = [chosen(camera, cascades, select, point) for point in points]
+    taken = np.array([one for one, _ in both])
+    assert edge_cascade.tolist() == taken[m : m + e].tolist()
+    assert receiver_cascade.tolist() == taken[:m].tolist()
+    assert held.tolist() == [i in {one for _, one in both} for i in range(count)]
+    assert count == 1 or len(set(taken[:m])) > 1, "nothing to choose between"
+    for k in range(m):
+        wanted = BIAS * sides[taken[k]] * min(gradients[k], STEEPEST)
+        assert bias[k] == pytest.approx(wanted, **CLOSE)
+    uvz, sums = np.asarray(cascades.uvz_from_world), np.zeros(count)
+    for k in range(e):
+        at = slice(m + k, m + k + 1)
+        slopes = uv_gradients(uvz[taken[at]], points[at])
+        # the way across the edge, taken back to the map by duals of its own gradients
+        steps = surface_steps(camera, points[at], normals[k : k + 1], slopes)[0]
+        u, v = np.abs(across[k] @ steps)
+        mean = max(u, v) / 4.0 + min(u, v) ** 2 / (12.0 * max(u, v))
+        # those gradients are rounded across the light, and divided by the way across the edge
+        assert moved[k] == pytest.approx(mean, rel=1e-9)
+        assert reach[k] == pytest.approx(math.hypot(u, v), rel=1e-9)
+        sums[taken[m + k]] += lengths[k] * min(mean, MOST)
+    assert displaced == pytest.approx(sums, rel=1e-9)
+    assert (moved > MOST).any()
+    assert (moved < MOST).any()
+    assert (gradients > STEEPEST).any()
+
+
+@pytest.mark.parametrize(
+    ("receivers", "edges", "others"), [(0, 0, 4), (5, 0, 0), (0, 5, 0), (0, 0, 0)]
+)
+def test_a_view_may_lack_points(receivers, edges, others):
+    camera, points, *rest = seen(3, receivers, edges, others)
+    cascades = csm.fit_cascades(
+        camera, SUN, csm.ShadowSettings(cascade_count=2, snap="none", split="uniform")
+    )
+    told, _ = arranged(camera, cascades, "map", points, *rest)
+    shapes = [(edges,)] * 3 + [(receivers,)] * 2 + [(2,)] * 2
+    assert [one.shape for one in told] == shapes
+    assert told[-1].any() == (len(points) > 0)
+    assert edges or not told[-2].any()
+
+
+def test_a_square_window_moves_an_edge_by_a_quarter_of_it():
+    """Straight down, one metre a pixel: a closed form. An edge along an axis is displaced by a
+    quarter of the window, a diagonal one by sqrt(2) / 6 of it; a disc as wide reaches all of it."""
+    camera = csm.Camera.orthographic(
+        (0, 10, 0), (0, 0, 0), up=(0, 0, -1), height=100.0, near=1.0, far=20.0, size=(100, 100)
+    )
+    side = 8.0
+    uvz = np.array([[[1 / side, 0, 0, 0.5], [0, 0, -1 / side, 0.5], [0, -0.1, 0, 1], [0, 0, 0, 1]]])
+    axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
+    steps = np.array([[1.0, 0.0], [0.0, -1.0], [np.sqrt(0.5), np.sqrt(0.5)]])
+    points = np.zeros((3, 3))
+    moved, reach, *_, displaced, held = _core.arrange(
+        camera, uvz, [1.0, 20.0], [side], False, points, [], axes, steps, [1.0, 2.0, 3.0],
+        BIAS, STEEPEST, MOST,
+    )  # fmt: skip
+    quarter, diagonal = side / 4.0, side * np.sqrt(2.0) / 6.0
+    assert moved == pytest.approx([quarter, quarter, diagonal], **CLOSE)
+    assert reach == pytest.approx([side] * 3, **CLOSE)
+    assert displaced == pytest.approx([3.0 * quarter + 3.0 * diagonal], **CLOSE)
+    assert held.tolist() == [True]
+
+
+WRONG = {
+    "points": (np.zeros((4, 3)), "points must begin with those of 3 gradients and 2 lengths"),
+    "steps_across": (np.zeros((3, 2)), "steps_across: expected shape \\(2, 2\\), got \\(3, 2\\)"),
+    "splits": ([1.0, 2.0, 3.0], "splits: expected 2 numbers, got 3"),
+    "sides": ([1.0, 2.0], "sides: expected 1 numbers, got 2"),
+    "axes": (np.eye(2), "axes: expected 6 numbers, got 4"),
+    "uvz_from_world": (np.zeros((9, 4, 4)), "uvz_from_world must be 1 to 8 matrices"),
+}
+
+
+@pytest.mark.parametrize("name", [*WRONG, "flat"])
+def test_arrays_that_do_not_fit_are_refused(name):
+    camera = seen(1)[0]
+    given = dict(
+        camera=camera, uvz_from_world=np.eye(4)[None], splits=[1.0, 9.0], sides=[1.0],
+        by_interval=False, points=np.zeros((6, 3)), gradients=np.zeros(3), axes=np.eye(3)[:2],
+        steps_across=np.ones((2, 2)), lengths=np.ones(2), bias_texels=1.0, steepest=1.0,
+        most_moved=1.0,
+    )  # fmt: skip
+    _core.arrange(**given)
+    flat = (np.diag([1.0, 0.0, 1.0, 1.0])[None], "map the plane across the light to an area")
+    wrong, text = WRONG.get(name, flat)
+    with pytest.raises(ValueError, match=text):
+        _core.arrange(**{**given, "uvz_from_world" if name == "flat" else name: wrong})
+
+
+# -- sums, a number a size -------------------------------------------------------------------------
+
+SIDES = {
+    "equal": np.array([[200.0], [317.0], [4096.0]]),
+    "unequal": np.array([[200.0, 300.0, 150.0], [4096.0, 256.0, 1000.0]]),
+    "one": np.array([[512.0, 256.0, 128.0]]),
+    "none": np.zeros((0, 3)),
+}
+
+
+def points_of_maps(seed=5, count=200):
+    rng = np.random.default_rng(seed)
+    window = rng.integers(0, 3, count).astype(np.int32)
+    values, other, weights = (
+        rng.uniform(0, 4000, count),
+        rng.uniform(0, 9, count),
+        rng.uniform(0, 2, count),
+    )
+    return window, values, other, weights
+
+
+@pytest.mark.parametrize("sides", SIDES)
+def test_sums_are_those_of_every_point_under_every_size(sides):
+    window, values, other, weights = points_of_maps()
+    gaps = np.where(other > 7.0, np.inf, other)
+    sides, capped, missing, less = SIDES[sides], [], [], []
+    for row in sides:
+        side = [row[i] if len(row) > 1 else row[0] for i in window]
+        every = list(zip(values, side, other, weights, gaps, strict=True))
+        capped.append(sum(w * min(x / s, 6.0) for x, s, _, w, _ in every))
+        missing.append(sum(w * max(o - x / s, 0.0) for x, s, o, w, _ in every))
+        less.append(sum(g < x / s for x, s, _, _, g in every))
+    assert _core.sum_capped(window, sides, values, weights, 6.0) == pytest.approx(capped, **CLOSE)
+    assert _core.sum_missing(window, sides, values, other, weights) == pytest.approx(
+        missing, **CLOSE
+    )
+    assert _core.count_less(window, sides, gaps, values).tolist() == less
+    assert not len(sides) or (max(less) > 0 and max(values / 200.0) > 6.0)
+
+
+def test_sums_over_nothing_are_nothing():
+    none, sides = np.zeros(0), SIDES["equal"]
+    window = none.astype(np.int32)
+    assert _core.sum_capped(window, sides, none, none, 1.0).tolist() == [0.0] * 3
+    assert _core.sum_missing(window, sides, none, none, none).tolist() == [0.0] * 3
+    assert _core.count_less(window, sides, none, none).tolist() == [0] * 3
+    assert _core.least_part(none, none, none, 0.0) == 0.0
+
+
+@pytest.mark.parametrize("index", [-1, 3])
+def test_a_window_that_no_column_has_is_refused(index):
+    window, values, other, weights = points_of_maps()
+    window[17] = index
+    for call, given in (
+        (_core.sum_capped, (values, weights, 1.0)),
+        (_core.sum_missing, (values, other, weights)),
+        (_core.count_less, (other, values)),
+    ):
+        with pytest.raises(ValueError, match=f"window must be 0 to 2.*got {index} at 17"):
+            call(window, SIDES["unequal"], *given)
+        call(window, SIDES["equal"], *given)  # one column is every window's
+
+
+def test_sums_of_other_lengths_are_refused():
+    window, values, other, weights = points_of_maps()
+    sides = SIDES["equal"]
+    with pytest.raises(ValueError, match="window: expected shape \\(200,\\), got \\(199,\\)"):
+        _core.sum_capped(window[1:], sides, values, weights, 1.0)
+    with pytest.raises(ValueError, match="weights: expected shape \\(200,\\), got \\(199,\\)"):
+        _core.sum_missing(window, sides, values, other, weights[1:])
+    with pytest.raises(ValueError, match="gaps: expected shape \\(200,\\), got \\(199,\\)"):
+        _core.count_less(window, sides, other[1:], values)
+    with pytest.raises(ValueError, match="wide: expected shape \\(200,\\), got \\(199,\\)"):
+        _core.least_part(values, other[1:], weights, 0.0)
+    with pytest.raises(ValueError, match="allowed must be >= 0"):
+        _core.least_part(values, other, weights, -1.0)
+    with pytest.raises(ValueError, match="sides must have a column"):
+        _core.count_less(window, np.zeros((2, 0)), other, values)
+
+
+@pytest.mark.parametrize("share", [0.0, 1e-6, 0.05, 0.7, 1.0, 2.0])
+def test_the_least_part_leaves_out_what_is_allowed(share):
+    _, values, wide, weights = points_of_maps()
+    values[:3] = 0.0, 1e-15, 1e-9
+    wide[:3] = 0.0, 0.0, 1e-6
+    allowed = share * float(weights @ wide)
+    part = _core.least_part(values, wide, weights, allowed)
+
+    def left(q):
+        return float((weights * np.maximum(wide - q * values, 0.0)).sum())
+
+    if share >= 1.0:
+        assert part == 0.0
+        return
+    assert left(part * (1.0 + 1e-12)) <= allowed * (1.0 + 1e-9) + 1e-12
+    assert left(part * (1.0 - 1e-6)) > allowed
+
+
+def test_the_narrowest_kernel_of_one_edge_and_of_two():
+    """Of one edge that is as wide as all of the map: all but a twentieth. Of two of one width, of
+    which one reaches twice as far, so that it ends first: 2 w - 3 q r = w / 10."""
+    one = np.ones(1)
+    assert narrowest(one, one, one) == pytest.approx(1.0 - LEFT_OUT, **CLOSE)
+    reach, wide = np.array([2.0, 1.0]), np.ones(2)
+    # q = 0.5 is where the first ends: the other leaves half; from there on 1 - q = 0.1
+    assert narrowest(reach, wide, wide) == pytest.approx(1.0 - 2.0 * LEFT_OUT, **CLOSE)
+    assert narrowest(reach, np.zeros(2), wide) == 0.0
