@@ -17,7 +17,7 @@ from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
 from .costs import CostModel
 from .map_shares import WORTH, equal_side, size_parts, texels_spared, unequal_sizes
 from .plans import map_bytes
-from .settings import ShadowSettings, map_sizes, map_texels, maps_text
+from .settings import ShadowSettings, draw_alike, map_sizes, map_texels, maps_text
 
 __all__ = [
     "COUNTS",
@@ -160,7 +160,7 @@ class Decision:
         """
         changes = self.flipped(at)
         flipped = None if changes is None else at.settings.replace(**changes)
-        if flipped is not None and flipped.canonical() == at.settings.canonical():
+        if flipped is not None and draw_alike(flipped, at.settings):
             flipped = None  # the same would be drawn: no other answer
         return Reason(
             effect=self.effect,

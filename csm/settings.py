@@ -459,6 +459,20 @@ class ShadowSettings(Recorded):
         return ShadowSettings(**values)
 
 
+def draw_alike(one, other):
+    """Whether settings are equal but for what has no meaning in them: `ShadowSettings.canonical`.
+
+    Parameters
+    ----------
+    one, other : ShadowSettings
+
+    Returns
+    -------
+    alike : bool
+    """
+    return _core.canonical_settings(one) == _core.canonical_settings(other)
+
+
 MOST_CASCADES = 8
 _KINDS = {field.name: field.type for field in fields(ShadowSettings)}
 
