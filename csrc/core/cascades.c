@@ -131,10 +131,10 @@ static csm_status snap_cascade(const csm_cascades_desc *desc, int i, const csm_s
     return status;
 }
 
-static csm_status fit_cascade(const csm_cascades_desc *desc, int i, csm_cascades *out,
-                              csm_error *err) {
+static csm_status fit_cascade(const csm_cascades_desc *desc, const csm_rectangle *rectangles, int i,
+                              csm_cascades *out, csm_error *err) {
     csm_slab slice;
-    csm_status status = csm_fit_slab(desc, out, i, &slice, err);
+    csm_status status = csm_fit_slab(desc, rectangles, out, i, &slice, err);
     if (status != CSM_OK) {
         return status;
     }
@@ -220,8 +220,12 @@ csm_status csm_cascades_fit(const csm_cascades_desc *desc, csm_cascades *out, cs
         status = csm_receivers_turns(&copy, out, turned.turns, err);
         copy.receivers = &turned;
     }
+    csm_rectangle rectangles[CSM_MAX_CASCADES];
+    if (status == CSM_OK && settings.effects[CSM_EFFECT_FIT] == CSM_FIT_VISIBLE && copy.receivers) {
+        csm_receivers_enclose(&copy, out, rectangles);
+    }
     for (int i = 0; status == CSM_OK && i < out->count; i++) {
-        status = fit_cascade(&copy, i, out, err);
+        status = fit_cascade(&copy, rectangles, i, out, err);
     }
     return status;
 }

@@ -67,8 +67,8 @@ static csm_slab ball_slab(const csm_camera *camera, const double light_from_worl
     return out;
 }
 
-csm_status csm_fit_slab(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
-                        csm_error *err) {
+csm_status csm_fit_slab(const csm_cascades_desc *desc, const csm_rectangle *rectangles,
+                        csm_cascades *out, int i, csm_slab *slab, csm_error *err) {
     const csm_camera *camera = &desc->camera;
     const double *basis = out->light_from_world[i];
     const double near_depth = out->splits[i], far_depth = out->splits[i + 1];
@@ -76,7 +76,7 @@ csm_status csm_fit_slab(const csm_cascades_desc *desc, csm_cascades *out, int i,
     out->served_from[i] = near_depth;
     switch (desc->settings->effects[CSM_EFFECT_FIT]) {
     case CSM_FIT_VISIBLE:
-        return csm_fit_visible(desc, out, i, slab, err);
+        return csm_fit_visible(desc, rectangles, out, i, slab, err);
     case CSM_FIT_CLIPPED:
     case CSM_FIT_FOCUS:
         csm_fit_clipped(desc, out, i, slab);

@@ -66,30 +66,42 @@ size_t csm_convex_hull(double (*points)[2], size_t count, double tolerance, size
     return size;
 }
 
-size_t csm_outer_points(double (*points)[2], size_t count) {
-    double corners[DIRECTIONS][2], farthest[DIRECTIONS], along[DIRECTIONS][2];
+/* The corners of the polygon of the points farthest out in all directions, each once, in order. */
+static int farthest_points(const double (*points)[2], size_t count, double (*out)[2]) {
+    double farthest[DIRECTIONS], at[DIRECTIONS], along[2][DIRECTIONS];
     for (int k = 0; k < DIRECTIONS; k++) {
         const double angle = k * (2.0 * 3.14159265358979323846 / DIRECTIONS);
-        along[k][0] = cos(angle);
-        along[k][1] = sin(angle);
+        along[0][k] = cos(angle);
+        along[1][k] = sin(angle);
         farthest[k] = -INFINITY;
+        at[k] = 0.0;
     }
     for (size_t i = 0; i < count; i++) {
-        for (int k = 0; k < DIRECTIONS; k++) {
-            const double reach = along[k][0] * points[i][0] + along[k][1] * points[i][1];
-            if (reach > farthest[k]) {
-                farthest[k] = reach;
-                memcpy(corners[k], points[i], sizeof corners[k]);
-            }
+        for (int k = 0; k < DIRECTIONS; k++) { /* doubles without a branch: in vectors */
+            const double reach = along[0][k] * points[i][0] + along[1][k] * points[i][1];
+            at[k] = reach > farthest[k] ? (double)i : at[k];
+            farthest[k] = reach > farthest[k] ? reach : farthest[k];
         }
     }
+    int size = 0;
+    for (int k = 0; k < DIRECTIONS; k++) {
+        const double *corner = points[(size_t)at[k]];
+        const double *next = points[(size_t)at[(k + 1) % DIRECTIONS]];
+        if (corner[0] != next[0] || corner[1] != next[1]) {
+            memcpy(out[size++], corner, sizeof out[0]);
+        }
+    }
+    return size;
+}
+
+size_t csm_outer_points(double (*points)[2], size_t count) {
+    double corners[DIRECTIONS][2];
+    const int size = count ? farthest_points((const double(*)[2])points, count, corners) : 0;
     size_t kept = 0;
     for (size_t i = 0; i < count; i++) {
-        bool inside = true;
-        for (int k = 0; inside && k < DIRECTIONS; k++) {
-            const double *a = corners[k], *b = corners[(k + 1) % DIRECTIONS];
-            const bool edge = a[0] != b[0] || a[1] != b[1];
-            inside = !edge || right_of(a, points[i], b) < 0.0; /* on an edge counts as outside */
+        bool inside = true; /* of one point or of copies of it, every point is */
+        for (int k = 0; inside && k < size; k++) { /* on an edge counts as outside */
+            inside = right_of(corners[k], points[i], corners[(k + 1) % size]) < 0.0;
         }
         if (!inside) {
             memmove(points[kept++], points[i], sizeof points[0]);

@@ -18,8 +18,9 @@ static inline csm_rectangle csm_rectangle_nothing(void) {
 static inline void csm_rectangle_grow(csm_rectangle *out, const double low[2],
                                       const double high[2]) {
     for (int axis = 0; axis < 2; axis++) {
-        out->low[axis] = fmin(out->low[axis], low[axis]);
-        out->high[axis] = fmax(out->high[axis], high[axis]);
+        /* not fmin and fmax: called for every point seen, they would be calls of the library */
+        out->low[axis] = low[axis] < out->low[axis] ? low[axis] : out->low[axis];
+        out->high[axis] = high[axis] > out->high[axis] ? high[axis] : out->high[axis];
     }
 }
 

@@ -3,6 +3,7 @@
 #define CSM_PLACEMENT_H
 
 #include "csm.h"
+#include "hull.h"
 
 /* What a window must hold, in light space: x, y, z [m]. */
 typedef struct csm_slab {
@@ -38,9 +39,15 @@ double csm_rung_of(const csm_camera *camera, double depth);
 /* light_basis.c: the axes that windows start from, and what of them is held. */
 csm_status csm_place_light(const csm_cascades_desc *desc, csm_cascades *out, csm_error *err);
 
-/* fits.c: what the window of cascade i must hold; out->splits and light_from_world[i] are set. */
-csm_status csm_fit_slab(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
-                        csm_error *err);
+/* receivers.c: what the receivers of each cascade span in light x, y, along the axes of its window:
+ * relative to the eye or, summed up, to box_origin. Each point is met once. */
+void csm_receivers_enclose(const csm_cascades_desc *desc, const csm_cascades *cascades,
+                           csm_rectangle out[CSM_MAX_CASCADES]);
+
+/* fits.c: what the window of cascade i must hold; out->splits and light_from_world[i] are set.
+ * rectangles: of csm_receivers_enclose, read under fit = visible alone. */
+csm_status csm_fit_slab(const csm_cascades_desc *desc, const csm_rectangle *rectangles,
+                        csm_cascades *out, int i, csm_slab *slab, csm_error *err);
 
 /* fits.c: light-space box of a slice. Taken relative to the eye, so that its sides depend on the
  * camera's orientation alone and stay equal to the last bit while it only moves. */
@@ -49,8 +56,8 @@ csm_slab csm_slice_bounds(const csm_camera *camera, const double light_from_worl
 
 /* receivers.c: the same for fit = visible: where nothing is seen, a window of the slice's own. May
  * turn light_from_world[i] about light z. */
-csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
-                           csm_error *err);
+csm_status csm_fit_visible(const csm_cascades_desc *desc, const csm_rectangle *rectangles,
+                           csm_cascades *out, int i, csm_slab *slab, csm_error *err);
 
 /* receivers.c: least and largest view depth of what is seen, within the camera's range; false if
  * nothing is. histogram may be NULL. */

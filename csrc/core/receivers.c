@@ -48,8 +48,8 @@ bool csm_receivers_depths(const csm_cascades_desc *desc, double out_range[2],
         if (!(depth >= camera->near_depth && depth <= camera->far_depth)) {
             continue;
         }
-        out_range[0] = fmin(out_range[0], depth);
-        out_range[1] = fmax(out_range[1], depth);
+        out_range[0] = depth < out_range[0] ? depth : out_range[0];
+        out_range[1] = depth > out_range[1] ? depth : out_range[1];
         if (histogram) {
             histogram[depth_bin(camera, depth)]++;
         }
@@ -57,44 +57,20 @@ bool csm_receivers_depths(const csm_cascades_desc *desc, double out_range[2],
     return out_range[0] <= out_range[1];
 }
 
-/* False unless point k is a receiver of cascade i; its light x, y, z relative to the eye. */
-static bool receiver_of(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
-                        size_t k, double out_ls[3]) {
+/* The cascade whose receiver a point is, and where it lies relative to the eye; false if none. */
+static bool cascade_of(const csm_cascades_desc *desc, const csm_cascades *cascades, size_t k,
+                       int *out, double out_from_eye[3]) {
     const double *point = desc->receivers->points + 3 * k;
-    double from_eye[3];
-    const double depth = view_depth(&desc->camera, point);
-    if ((i > 0 && depth <= cascades->splits[i]) || !(depth <= cascades->splits[i + 1])) {
-        return false;
-    }
     for (int axis = 0; axis < 3; axis++) {
-        from_eye[axis] = point[axis] - desc->camera.eye[axis];
+        out_from_eye[axis] = point[axis] - desc->camera.eye[axis];
     }
-    mat4_rotate(cascades->light_from_world[i], from_eye, out_ls);
-    return true;
-}
-
-/* The csm_rectangle round the receivers of cascade i relative to *out_origin, a point in light x,
- * y. */
-static csm_rectangle enclose(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
-                             double out_origin[2]) {
-    const csm_receivers *seen = desc->receivers;
-    csm_rectangle out = csm_rectangle_nothing();
-    double origin_ls[3], at[3];
-    mat4_rotate(cascades->light_from_world[i], seen->points ? desc->camera.eye : seen->box_origin,
-                origin_ls);
-    memcpy(out_origin, origin_ls, 2 * sizeof *out_origin);
-    for (size_t k = 0; !seen->points && k < seen->box_count; k++) {
-        const float *box = seen->boxes + 4 * (k * (size_t)cascades->count + (size_t)i);
-        if (box[0] <= box[2]) {
-            csm_rectangle_grow(&out, (double[2]){box[0], box[1]}, (double[2]){box[2], box[3]});
+    const double depth = -vec3_dot(desc->camera.backward, out_from_eye);
+    for (*out = 0; *out < cascades->count; ++*out) {
+        if (depth <= cascades->splits[*out + 1]) {
+            return true;
         }
     }
-    for (size_t k = 0; seen->points && k < seen->point_count; k++) {
-        if (receiver_of(desc, cascades, i, k, at)) {
-            csm_rectangle_grow(&out, at, at);
-        }
-    }
-    return out;
+    return false;
 }
 
 /* Light axes x and y turned by an angle about light z. */
@@ -103,6 +79,39 @@ static void turn_basis(double light_from_world[16], double cosine, double sine) 
         const double x = light_from_world[4 * column], y = light_from_world[4 * column + 1];
         light_from_world[4 * column] = cosine * x + sine * y;
         light_from_world[4 * column + 1] = cosine * y - sine * x;
+    }
+}
+
+/* What the receivers' boxes of cascade i span in light x, y, relative to the boxes' origin. */
+static csm_rectangle enclose_boxes(const csm_receivers *seen, int i, int cascades) {
+    csm_rectangle out = csm_rectangle_nothing();
+    for (size_t k = 0; k < seen->box_count; k++) {
+        const float *box = seen->boxes + 4 * (k * (size_t)cascades + (size_t)i);
+        if (box[0] <= box[2]) {
+            csm_rectangle_grow(&out, (double[2]){box[0], box[1]}, (double[2]){box[2], box[3]});
+        }
+    }
+    return out;
+}
+
+void csm_receivers_enclose(const csm_cascades_desc *desc, const csm_cascades *cascades,
+                           csm_rectangle out[CSM_MAX_CASCADES]) {
+    const csm_receivers *seen = desc->receivers;
+    double axes[CSM_MAX_CASCADES][16];
+    for (int i = 0; i < cascades->count; i++) {
+        memcpy(axes[i], cascades->light_from_world[i], sizeof axes[i]);
+        if (desc->settings->effects[CSM_EFFECT_TURNED]) {
+            turn_basis(axes[i], cos(seen->turns[i]), sin(seen->turns[i]));
+        }
+        out[i] = seen->points ? csm_rectangle_nothing() : enclose_boxes(seen, i, cascades->count);
+    }
+    for (size_t k = 0; seen->points && k < seen->point_count; k++) {
+        int i;
+        double from_eye[3], at[3];
+        if (cascade_of(desc, cascades, k, &i, from_eye)) {
+            mat4_rotate(axes[i], from_eye, at);
+            csm_rectangle_grow(&out[i], at, at);
+        }
     }
 }
 
@@ -120,8 +129,10 @@ static size_t corners_of(const csm_cascades_desc *desc, const csm_cascades *casc
         }
     }
     for (size_t k = 0; seen->points && k < seen->point_count; k++) {
+        int taken;
         double at[3];
-        if (receiver_of(desc, cascades, i, k, at)) {
+        if (cascade_of(desc, cascades, k, &taken, at) && taken == i) {
+            mat4_rotate(cascades->light_from_world[i], at, at);
             memcpy(out[count++], at, sizeof out[0]);
         }
     }
@@ -146,19 +157,22 @@ csm_status csm_receivers_turns(const csm_cascades_desc *desc, const csm_cascades
     return CSM_OK;
 }
 
-csm_status csm_fit_visible(const csm_cascades_desc *desc, csm_cascades *out, int i, csm_slab *slab,
-                           csm_error *err) {
+csm_status csm_fit_visible(const csm_cascades_desc *desc, const csm_rectangle *rectangles,
+                           csm_cascades *out, int i, csm_slab *slab, csm_error *err) {
     const csm_settings *settings = desc->settings;
-    if (!desc->receivers) {
+    const csm_receivers *receivers = desc->receivers;
+    if (!receivers) {
         return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
                         "fit visible needs receivers, the points that the camera sees");
     }
     if (settings->effects[CSM_EFFECT_TURNED]) {
-        const double turn = desc->receivers->turns[i];
+        const double turn = receivers->turns[i];
         turn_basis(out->light_from_world[i], cos(turn), sin(turn));
     }
-    double origin[2];
-    const csm_rectangle seen = enclose(desc, out, i, origin);
+    double origin[3];
+    mat4_rotate(out->light_from_world[i],
+                receivers->points ? desc->camera.eye : receivers->box_origin, origin);
+    const csm_rectangle seen = rectangles[i];
     *slab = csm_slice_bounds(&desc->camera, out->light_from_world[i], out->splits[i],
                              out->splits[i + 1]);
     /* Receivers are float32: a texel finer than their rounding tells nothing more, and a window
