@@ -7,7 +7,7 @@ thousands of them, each as the box that it fills across the light.
 
 import threading
 import weakref
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 
@@ -41,6 +41,27 @@ class Load:
     lines: np.ndarray
     triangles: np.ndarray
     needed: np.ndarray
+    _known: dict = field(default_factory=dict, repr=False)
+
+    def drawn(self, faces, cutout):
+        """Layers and lines (n,), (n,) of the sides that are drawn.
+
+        Parameters
+        ----------
+        faces : {"both", "front", "back"}
+        cutout : float
+            Times that what has a cut-out counts.
+
+        Returns
+        -------
+        layers, lines : (n,) float64
+        """
+        if (faces, cutout) not in self._known:  # every size of the maps asks
+            sides = {"both": slice(0, 2), "front": slice(0, 1), "back": slice(1, 2)}[faces]
+            self._known[faces, cutout] = tuple(
+                one[:, sides].sum(axis=1) @ (1.0, cutout) for one in (self.layers, self.lines)
+            )
+        return self._known[faces, cutout]
 
 
 @dataclass(frozen=True, eq=False)

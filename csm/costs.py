@@ -102,7 +102,6 @@ class CostModel:
         if settings.split == "sdsm":
             others += self.range_pixel * pixels
         sides = sides_of(settings, map_size)
-        sides = np.broadcast_to(sides, (*sides.shape[:-1], count))
         maps = (np.square(sides) / 1e6 * self.texel_costs(settings, forecaster, sides)).sum(axis=-1)
         load = forecaster.load(settings)
         drawn = load.needed if settings.cull == "exclusive" else load.triangles
@@ -115,19 +114,14 @@ class CostModel:
         ----------
         settings : ShadowSettings
         forecaster : Forecaster
-        sides : (n,) or (k, n) float64
+        sides : (n,), (1,), (k, 1) or (k, n) float64
             Of the maps [texels]: the finer, the less of what is covered are outlines.
 
         Returns
         -------
         costs : (n,) or (k, n) float64
         """
-        load = forecaster.load(settings)
-        drawn = {"both": slice(0, 2), "front": slice(0, 1), "back": slice(1, 2)}
-        layers, lines = (
-            one[:, drawn[settings.caster_faces]].sum(axis=1) @ (1.0, self.cutout)
-            for one in (load.layers, load.lines)
-        )
+        layers, lines = forecaster.load(settings).drawn(settings.caster_faces, self.cutout)
         covered = self.map_layer * layers + self.map_line * lines / sides
         return self.map_texel + covered * (self.warp if settings.warp != "none" else 1.0)
 

@@ -38,6 +38,8 @@ WITHOUT_WINDOWS = {
     "map_size", "storage", "depth_format", "filter", "filter_size", "tap_count", "disc",
     "caster_faces", "cull",
 }  # fmt: skip
+#: Of those, what windows are fitted with.
+SUPPOSED = {"map_size": USUAL, "storage": "array", "depth_format": "d32f", "filter": "hard"}
 
 
 @dataclass(frozen=True)
@@ -74,7 +76,7 @@ class Forecaster:
 
     def __init__(self, signals, scene):
         self.signals, self._scene, self._known = signals, scene, {}
-        self._wanted, self._loads = {}, {}
+        self._wanted, self._loads, self._last = {}, {}, (None, None)
         self._soft = self._wide = None
 
     def aliasing(self, settings, map_size=None, filter_size=None):
@@ -234,7 +236,7 @@ class Forecaster:
 
     def _least_part(self, number, settings, parts):
         """Least part of the largest map that a kernel must be wide, where maps are such parts."""
-        key = number, _key(settings), tuple(parts.tolist())
+        key = number, self._key(settings), tuple(parts.tolist())
         if key not in self._wanted:
             view, known = self.signals.views[number], self._taken(number, settings)
             reach = known.reach / (parts[known.edge_cascade] if len(parts) > 1 else 1.0)
@@ -349,28 +351,36 @@ class Forecaster:
         -------
         load : csm.caster_load.Load
         """
-        plain = settings
-        if settings.turned or settings.warp != "none":
-            plain = settings.replace(turned=False, warp="none")
-        key = _key(plain)
+        key = self._key(settings)
         if key not in self._loads:
-            cascades = self._taken(0, plain).cascades
-            self._loads[key] = self.signals.views[0].casters.load(cascades)
+            if settings.turned or settings.warp != "none":
+                self._loads[key] = self.load(settings.replace(turned=False, warp="none"))
+            else:
+                cascades = self._taken(0, settings).cascades
+                self._loads[key] = self.signals.views[0].casters.load(cascades)
         return self._loads[key]
 
     def _taken(self, number, settings):
         """What an arrangement of windows makes of one view."""
-        key = number, _key(settings)
+        key = number, self._key(settings)
         if key not in self._known:
-            one = settings.replace(
-                map_size=USUAL, storage="array", depth_format="d32f", filter="hard"
-            )
-            self._known[key] = arrange(self.signals.views[number], one, self._scene)
+            if any(getattr(settings, name) != value for name, value in SUPPOSED.items()):
+                settings = settings.replace(**SUPPOSED)
+            self._known[key] = arrange(self.signals.views[number], settings, self._scene)
         return self._known[key]
+
+    def _key(self, settings):
+        """What of settings moves windows; read once of the settings asked about last."""
+        last = self._last
+        if settings is not last[0]:
+            self._last = last = settings, _windows_of(settings)
+        return last[1]
 
 
 #: What of settings moves windows.
-_key = attrgetter(*(one.name for one in fields(ShadowSettings) if one.name not in WITHOUT_WINDOWS))
+_windows_of = attrgetter(
+    *(one.name for one in fields(ShadowSettings) if one.name not in WITHOUT_WINDOWS)
+)
 
 
 def sides_of(settings, map_size=None):

@@ -181,7 +181,7 @@ class Search:
                 )
             expected = told.expected(settings, sizes, kernels, texels[settings.filter])
             parts = (expected.error, expected.held, expected.left_out)
-            parts = (np.broadcast_to(one, len(sizes)) for one in parts)
+            parts = (_each(one, len(sizes)) for one in parts)
             found.append(Family(settings, sizes, depends, Expected(*parts)))
         return found
 
@@ -221,7 +221,7 @@ class Search:
         """Forecast of every candidate (m,) [ms]."""
         if model not in self._known_costs:
             self._known_costs[model] = np.concatenate([
-                np.broadcast_to(
+                _each(
                     forecast_cost(one.arranged, self.forecaster, model, one.sizes), len(one.sizes)
                 )
                 for one in self.families
@@ -434,3 +434,8 @@ class Search:
         changed = settings.replace(**changes)
         now, then = (self.forecaster.aliasing(s) for s in (settings, changed))
         return [changed] if then < (1.0 - gain) * now else []
+
+
+def _each(values, count):
+    """As many numbers (count,), of as many or of one for all."""
+    return values if np.ndim(values) else np.full(count, float(values))

@@ -1,7 +1,6 @@
 """The settings of a render: every choice, with its default, checked when it is made."""
 
 import math
-from copy import copy
 from dataclasses import dataclass, fields
 
 import numpy as np
@@ -347,9 +346,8 @@ class ShadowSettings(Recorded):
 
     def _take(self, values):
         """Set fields to values, each checked, and then all together."""
-        for name, kind in _KINDS.items():  # the number of cascades before their sizes
-            if name in values:
-                object.__setattr__(self, name, self._checked(name, kind, values[name]))
+        for name in sorted(values, key=_PLACES.__getitem__):  # the number of cascades before sizes
+            object.__setattr__(self, name, self._checked(name, _KINDS[name], values[name]))
         by_hand = {"manual": "inner view depths [m]", "percentages": "percents of the view range"}
         if self.split in by_hand and len(self.manual_splits) != self.cascade_count - 1:
             raise ValueError(
@@ -407,7 +405,8 @@ class ShadowSettings(Recorded):
             known = 1 <= count <= MOST_CASCADES  # of others, the check below says what is allowed
             size = _resized(self.map_size, count) if known else self.map_size[0]
             changes.setdefault("map_size", size)
-        other = copy(self)  # what does not change was checked
+        other = object.__new__(type(self))
+        other.__dict__.update(self.__dict__)  # what does not change was checked
         other._take(changes)
         return other
 
@@ -475,6 +474,7 @@ def draw_alike(one, other):
 
 MOST_CASCADES = 8
 _KINDS = {field.name: field.type for field in fields(ShadowSettings)}
+_PLACES = {name: place for place, name in enumerate(_KINDS)}
 
 
 def _number(name, value):
