@@ -9,6 +9,7 @@ import pytest
 import csm
 from csm import _core
 from csm.arrangements import LEFT_OUT, narrowest
+from csm.caster_load import Casters
 from csm.sampling import surface_steps, uv_gradients
 from csm.spaces import light_gradients
 
@@ -285,3 +286,58 @@ def test_the_narrowest_kernel_of_one_edge_and_of_two():
     # q = 0.5 is where the first ends: the other leaves half; from there on 1 - q = 0.1
     assert narrowest(reach, wide, wide) == pytest.approx(1.0 - 2.0 * LEFT_OUT, **CLOSE)
     assert narrowest(reach, np.zeros(2), wide) == 0.0
+
+
+# -- windows, and the casters over them ------------------------------------------------------------
+
+
+@pytest.mark.parametrize("changes", [{}, {"turned": True}, {"split": "sdsm", "turned": True}])
+def test_each_window_lies_close_round_the_points_of_its_slice(changes):
+    """However many cascades there are, and whatever turn each has of its own."""
+    camera, points, *_ = seen(11, receivers=900)
+    settings = csm.ShadowSettings(
+        cascade_count=3, fit="visible", snap="none", **{"split": "uniform", **changes}
+    )
+    cascades = csm.fit_cascades(camera, SUN, settings, receivers=points)
+    depths = (points - camera.eye) @ -camera.backward
+    slices = np.searchsorted(cascades.splits[1:-1], depths)
+    axes = np.asarray(cascades.light_from_world)[:, 0, :3]
+    turns = np.abs(np.cross(axes[0], axes[1:])).max(axis=1)
+    assert ("turned" in changes) == (turns > 0.01).all()
+    for i in range(3):
+        uv = np.array([place(cascades.uvz_from_world[i], point) for point in points[slices == i]])
+        # room for the rounding of float32, a millionth of what is seen, on either side
+        assert uv.min(axis=0) == pytest.approx([0.0, 0.0], abs=1e-4)
+        assert uv.max(axis=0) == pytest.approx([1.0, 1.0], abs=1e-4)
+        assert uv.min() >= 0.0
+        assert uv.max() <= 1.0
+
+
+def test_casters_are_classed_by_the_first_map_that_their_box_meets():
+    camera, points, *_ = seen(11)
+    settings = csm.ShadowSettings(cascade_count=3, fit="visible", snap="none", split="uniform")
+    cascades = csm.fit_cascades(camera, SUN, settings, receivers=points)
+    rng, axes = np.random.default_rng(2), light_gradients(SUN)
+    centre, half = rng.uniform(-60, 60, (400, 2)), rng.uniform(0, 3, (400, 2))
+    count = len(centre)
+    casters = Casters(axes, centre, half, np.ones(count), np.zeros(count, bool), np.ones(count))
+    wanted = []
+    for at, reach in zip(centre, half, strict=True):
+        corners = [(at + reach * sign) @ axes for sign in itertools.product((-1, 1), repeat=2)]
+        meets = []
+        for uvz in cascades.uvz_from_world:
+            uv = np.array([place(uvz, corner) for corner in corners])
+            meets.append(bool((uv.max(axis=0) > 0.0).all() and (uv.min(axis=0) < 1.0).all()))
+        wanted.append(meets.index(True) if any(meets) else 3)
+    assert _core.casters_first(casters, cascades.uvz_from_world).tolist() == wanted
+    assert set(wanted) == {0, 1, 2, 3}
+
+
+def test_casters_that_do_not_fit_are_refused():
+    none = np.zeros((2, 2))
+    casters = Casters(np.eye(3)[:2], none, none, np.ones(3), np.zeros(2, bool), np.ones(2))
+    for call in (_core.casters_load, _core.casters_first):
+        with pytest.raises(ValueError, match=r"area: expected shape \(2,\), got \(3,\)"):
+            call(casters, np.eye(4)[None])
+        with pytest.raises(ValueError, match="uvz_from_world must be 1 to 8 matrices"):
+            call(casters, np.zeros((0, 4, 4)))
