@@ -23,6 +23,14 @@ static double *inverses_of(const csm_sized *sized, csm_error *err) {
     return out;
 }
 
+/* The same, and sums of nothing yet. */
+static double *begin_sums(const csm_sized *sized, double *out, csm_error *err) {
+    for (size_t k = 0; k < sized->size_count; k++) {
+        out[k] = 0.0;
+    }
+    return inverses_of(sized, err);
+}
+
 static const double *column_of(const csm_sized *sized, const double *inverses, size_t point) {
     return sized->columns == 1 ? inverses
                                : inverses + (size_t)sized->window[point] * sized->size_count;
@@ -30,12 +38,9 @@ static const double *column_of(const csm_sized *sized, const double *inverses, s
 
 csm_status csm_sum_capped(const csm_sized *sized, const double *values, const double *weights,
                           double most, double *out, csm_error *err) {
-    double *inverses = inverses_of(sized, err);
+    double *inverses = begin_sums(sized, out, err);
     if (!inverses) {
         return CSM_ERROR_OUT_OF_MEMORY;
-    }
-    for (size_t k = 0; k < sized->size_count; k++) {
-        out[k] = 0.0;
     }
     for (size_t i = 0; i < sized->point_count; i++) {
         const double *inverse = column_of(sized, inverses, i);
@@ -51,12 +56,9 @@ csm_status csm_sum_capped(const csm_sized *sized, const double *values, const do
 
 csm_status csm_sum_missing(const csm_sized *sized, const double *values, const double *wide,
                            const double *weights, double *out, csm_error *err) {
-    double *inverses = inverses_of(sized, err);
+    double *inverses = begin_sums(sized, out, err);
     if (!inverses) {
         return CSM_ERROR_OUT_OF_MEMORY;
-    }
-    for (size_t k = 0; k < sized->size_count; k++) {
-        out[k] = 0.0;
     }
     for (size_t i = 0; i < sized->point_count; i++) {
         const double *inverse = column_of(sized, inverses, i);

@@ -146,6 +146,22 @@ PyArrayObject *csm_py_counted_rows(PyObject *object, const char *name, int type,
     return csm_py_shaped(object, name, type, columns ? 2 : 1, (npy_intp[]){count, columns});
 }
 
+int csm_py_take(PyObject *const *objects, const csm_py_rule *rules, int count, npy_intp *shape,
+                PyArrayObject **arrays, const void **data) {
+    for (int i = 0; i < count; i++) {
+        if (objects[i]) {
+            arrays[i] =
+                csm_py_shaped(objects[i], rules[i].name, rules[i].type, rules[i].dimensions, shape);
+            if (!arrays[i]) {
+                return -1;
+            }
+            data[i] = PyArray_DATA(arrays[i]);
+            shape[0] = PyArray_DIM(arrays[i], 0);
+        }
+    }
+    return 0;
+}
+
 void csm_py_release_arrays(PyArrayObject **arrays, int count) {
     for (int i = 0; i < count; i++) {
         Py_CLEAR(arrays[i]);
@@ -206,5 +222,17 @@ int csm_py_parse_camera(PyObject *camera, csm_camera *out) {
     out->width = (int)size[0];
     out->height = (int)size[1];
     out->orthographic = truth;
+    return 0;
+}
+
+int csm_py_checked_camera(PyObject *module, PyObject *camera, csm_camera *out) {
+    csm_error err = {0};
+    if (csm_py_parse_camera(camera, out) < 0) {
+        return -1;
+    }
+    if (csm_camera_validate(out, &err) != CSM_OK) {
+        csm_py_raise(module, &err);
+        return -1;
+    }
     return 0;
 }

@@ -21,18 +21,13 @@ typedef struct picture_arguments {
 } picture_arguments;
 
 static void release_picture(picture_arguments *in) {
-    for (int i = 0; i < PICTURE_ARRAYS; i++) {
-        Py_CLEAR(in->arrays[i]);
-    }
+    csm_py_release_arrays(in->arrays, PICTURE_ARRAYS);
 }
 
 /* objects: by the numbers above, NULL for those that the function does not read. */
 static int parse_picture(PyObject *module, PyObject *camera,
                          PyObject *const objects[PICTURE_ARRAYS], picture_arguments *out) {
-    static const struct {
-        const char *name;
-        int type, dimensions;
-    } rules[PICTURE_ARRAYS] = {
+    static const csm_py_rule rules[PICTURE_ARRAYS] = {
         [VIEW_DEPTH] = {"view_depth", NPY_FLOAT, 2},
         [NORMAL] = {"normal", NPY_FLOAT, 3},
         [VALID] = {"valid", NPY_BOOL, 2},
@@ -40,25 +35,13 @@ static int parse_picture(PyObject *module, PyObject *camera,
         [JUDGED] = {"judged", NPY_BOOL, 2},
         [LIT] = {"lit", NPY_BOOL, 2},
     };
-    csm_error err = {0};
-    if (csm_py_parse_camera(camera, &out->camera) < 0) {
+    if (csm_py_checked_camera(module, camera, &out->camera) < 0) {
         return -1;
     }
-    if (csm_camera_validate(&out->camera, &err) != CSM_OK) {
-        csm_py_raise(module, &err);
-        return -1;
-    }
-    const npy_intp shape[3] = {out->camera.height, out->camera.width, 3};
+    npy_intp shape[3] = {out->camera.height, out->camera.width, 3};
     const void *data[PICTURE_ARRAYS] = {NULL};
-    for (int i = 0; i < PICTURE_ARRAYS; i++) {
-        if (objects[i]) {
-            out->arrays[i] =
-                csm_py_shaped(objects[i], rules[i].name, rules[i].type, rules[i].dimensions, shape);
-            if (!out->arrays[i]) {
-                return -1;
-            }
-            data[i] = PyArray_DATA(out->arrays[i]);
-        }
+    if (csm_py_take(objects, rules, PICTURE_ARRAYS, shape, out->arrays, data) < 0) {
+        return -1;
     }
     out->desc = (csm_coarse_picture){.camera = &out->camera,
                                      .view_depth = data[VIEW_DEPTH],

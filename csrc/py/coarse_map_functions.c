@@ -16,9 +16,7 @@ typedef struct maps_arguments {
 static void release_maps(maps_arguments *in) {
     PyMem_Free(in->matrices);
     in->matrices = NULL;
-    for (int i = 0; i < CSM_MAX_CASCADES; i++) {
-        Py_CLEAR(in->depths[i]);
-    }
+    csm_py_release_arrays(in->depths, CSM_MAX_CASCADES);
 }
 
 static int parse_map(PyObject *object, int i, maps_arguments *out) {
@@ -101,19 +99,14 @@ typedef struct lookup_arguments {
 
 static void release_lookup(lookup_arguments *in) {
     release_maps(&in->maps);
-    for (int i = 0; i < POINT_ARRAYS; i++) {
-        Py_CLEAR(in->arrays[i]);
-    }
+    csm_py_release_arrays(in->arrays, POINT_ARRAYS);
 }
 
 /* objects: by the numbers above, NULL for those that the function does not read. Release what came
  * of it, also after a failure. */
 static int parse_lookup(PyObject *maps, PyObject *const objects[POINT_ARRAYS],
                         lookup_arguments *out) {
-    static const struct {
-        const char *name;
-        int type, dimensions;
-    } rules[POINT_ARRAYS] = {
+    static const csm_py_rule rules[POINT_ARRAYS] = {
         [POINTS] = {"points", NPY_DOUBLE, 2},
         [NORMALS] = {"normals", NPY_DOUBLE, 2},
         [CASCADE] = {"cascade_index", NPY_UINT8, 1},
@@ -124,16 +117,8 @@ static int parse_lookup(PyObject *maps, PyObject *const objects[POINT_ARRAYS],
     }
     npy_intp shape[2] = {-1, 3};
     const void *data[POINT_ARRAYS] = {NULL};
-    for (int i = 0; i < POINT_ARRAYS; i++) {
-        if (objects[i]) {
-            out->arrays[i] =
-                csm_py_shaped(objects[i], rules[i].name, rules[i].type, rules[i].dimensions, shape);
-            if (!out->arrays[i]) {
-                return -1;
-            }
-            data[i] = PyArray_DATA(out->arrays[i]);
-            shape[0] = PyArray_DIM(out->arrays[i], 0); /* the others have as many */
-        }
+    if (csm_py_take(objects, rules, POINT_ARRAYS, shape, out->arrays, data) < 0) {
+        return -1;
     }
     out->points = (csm_coarse_points){.point = data[POINTS],
                                       .normal = data[NORMALS],

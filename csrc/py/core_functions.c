@@ -8,18 +8,6 @@
 #include <limits.h>
 #include <math.h>
 
-static int parse_camera(PyObject *module, PyObject *camera, csm_camera *out) {
-    if (csm_py_parse_camera(camera, out) < 0) {
-        return -1;
-    }
-    csm_error err = {0};
-    if (csm_camera_validate(out, &err) != CSM_OK) {
-        csm_py_raise(module, &err);
-        return -1;
-    }
-    return 0;
-}
-
 static PyObject *new_array(int dimensions, const npy_intp *shape, int type, const void *source) {
     PyObject *array = PyArray_SimpleNew(dimensions, shape, type);
     if (array) {
@@ -131,7 +119,7 @@ static PyObject *camera_matrices(PyObject *module, PyObject *args, PyObject *kwa
     csm_camera camera;
     double matrices[2][16];
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O:camera_matrices", names, &object) ||
-        parse_camera(module, object, &camera) < 0) {
+        csm_py_checked_camera(module, object, &camera) < 0) {
         return NULL;
     }
     csm_camera_view_from_world(&camera, matrices[0]);
@@ -145,7 +133,7 @@ static int parse_slice(PyObject *module, PyObject *args, PyObject *kwargs, csm_c
     static char *names[] = {"camera", "near", "far", NULL};
     PyObject *object;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "Odd", names, &object, near_depth, far_depth) ||
-        parse_camera(module, object, camera) < 0) {
+        csm_py_checked_camera(module, object, camera) < 0) {
         return -1;
     }
     if (!isfinite(*near_depth) || !isfinite(*far_depth) || !(*far_depth > *near_depth)) {
@@ -232,7 +220,7 @@ static PyObject *fit_spheres(PyObject *module, PyObject *args, PyObject *kwargs)
     csm_camera camera;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOp:fit_spheres", names, &object,
                                      &splits_object, &shifted) ||
-        parse_camera(module, object, &camera) < 0) {
+        csm_py_checked_camera(module, object, &camera) < 0) {
         return NULL;
     }
     PyArrayObject *splits = csm_py_rows(splits_object, "splits", NPY_DOUBLE, 0);
@@ -297,7 +285,7 @@ static PyObject *frustum_depth_of_box(PyObject *module, PyObject *args, PyObject
     double bounds[6], depth;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OO:frustum_depth_of_box", names, &object,
                                      &bounds_object) ||
-        parse_camera(module, object, &camera) < 0 ||
+        csm_py_checked_camera(module, object, &camera) < 0 ||
         csm_py_vector(bounds_object, "bounds", 6, bounds) < 0) {
         return NULL;
     }
@@ -350,7 +338,7 @@ static PyObject *make_warp(PyObject *module, PyObject *args, PyObject *kwargs) {
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOddiii:make_warp", names, &object,
                                      &to_light_object, &near_depth, &far_depth, &kind, &map_size,
                                      &padding_texels) ||
-        parse_camera(module, object, &camera) < 0 ||
+        csm_py_checked_camera(module, object, &camera) < 0 ||
         csm_py_vector(to_light_object, "to_light", 3, to_light) < 0) {
         return NULL;
     }

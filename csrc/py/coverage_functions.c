@@ -3,18 +3,6 @@
 
 #include <string.h>
 
-static int parse_camera(PyObject *module, PyObject *object, csm_camera *out) {
-    csm_error err = {0};
-    if (csm_py_parse_camera(object, out) < 0) {
-        return -1;
-    }
-    if (csm_camera_validate(out, &err) != CSM_OK) {
-        csm_py_raise(module, &err);
-        return -1;
-    }
-    return 0;
-}
-
 /* What the arrays of a call become; matrices and receivers are the caller's to free. */
 typedef struct coverage_arguments {
     csm_coverage_desc desc;
@@ -116,7 +104,7 @@ static PyObject *coverage(PyObject *module, PyObject *args, PyObject *kwargs) {
         return NULL;
     }
     in.desc.first_map = first_map;
-    if (parse_camera(module, camera, &in.desc.camera) == 0 &&
+    if (csm_py_checked_camera(module, camera, &in.desc.camera) == 0 &&
         parse_cascades(matrices, splits, map_size, &in) == 0 &&
         parse_seen(bounds, receivers, &in) == 0) {
         csm_coverage measured[CSM_MAX_CASCADES];
@@ -171,7 +159,7 @@ static PyObject *coverage_move(PyObject *module, PyObject *args, PyObject *kwarg
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OddOiOi:coverage_move", names, &object,
                                      &near_depth, &far_depth, &before_object, &size_before,
                                      &after_object, &size_after) ||
-        parse_camera(module, object, &camera) < 0 ||
+        csm_py_checked_camera(module, object, &camera) < 0 ||
         parse_matrix(before_object, "before", before) < 0 ||
         parse_matrix(after_object, "after", after) < 0) {
         return NULL;

@@ -64,6 +64,17 @@ PyArrayObject *csm_py_shaped(PyObject *object, const char *name, int type, int d
 PyArrayObject *csm_py_counted_rows(PyObject *object, const char *name, int type, int columns,
                                    npy_intp count);
 
+/* What an argument must be: its name, and csm_py_shaped's type and dimensions. */
+typedef struct csm_py_rule {
+    const char *name;
+    int type, dimensions;
+} csm_py_rule;
+
+/* Several by their rules, into arrays and the addresses of what they hold; an object that is NULL
+ * is left out. A first side of -1 becomes that of the first one, which the others must have. */
+int csm_py_take(PyObject *const *objects, const csm_py_rule *rules, int count, npy_intp *shape,
+                PyArrayObject **arrays, const void **data);
+
 /* Lets go of arrays, of which some may be NULL. */
 void csm_py_release_arrays(PyArrayObject **arrays, int count);
 
@@ -74,6 +85,9 @@ int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *
 /* csm.Camera and csm.ShadowSettings, read by attribute. */
 int csm_py_parse_camera(PyObject *camera, csm_camera *out);
 int csm_py_parse_settings(PyObject *settings, csm_settings *out);
+
+/* A camera that is valid, too. */
+int csm_py_checked_camera(PyObject *module, PyObject *camera, csm_camera *out);
 
 /* core_functions.c */
 
