@@ -5,9 +5,9 @@ from dataclasses import dataclass
 import numpy as np
 
 from . import _core
-from .cascades import fit_cascades
+from .cascades import fit_checked
 
-__all__ = ["FARTHEST", "LEFT_OUT", "USUAL", "Arranged", "arrange", "narrowest"]
+__all__ = ["FARTHEST", "LEFT_OUT", "USUAL", "Arranged", "arrange", "fit_windows", "narrowest"]
 
 # An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
 FARTHEST = 8.0
@@ -39,8 +39,6 @@ class Arranged:
         Longer side of each window [m].
     held : (n,) bool
         Whether receivers lie between each one's splits.
-    cascades : Cascades
-        What was fitted.
     """
 
     moved: np.ndarray
@@ -51,11 +49,10 @@ class Arranged:
     displaced: np.ndarray
     windows: np.ndarray
     held: np.ndarray
-    cascades: object
 
 
-def arrange(view, settings, scene):
-    """Fit windows to a view, and read what they make of its edges and receivers.
+def fit_windows(view, settings, scene):
+    """Windows round what a view shows.
 
     Parameters
     ----------
@@ -65,17 +62,34 @@ def arrange(view, settings, scene):
 
     Returns
     -------
-    arranged : Arranged
+    cascades : Cascades
     """
     # windows round a sample alone would be smaller than real ones, and leave out edges
-    cascades = fit_cascades(view.camera, view.sun, settings, scene=scene, receivers=view.held)
+    return fit_checked(view.camera, view.sun, settings, scene, view.held)
+
+
+def arrange(view, cascades, by_interval):
+    """Read what windows make of a view's edges and receivers.
+
+    Parameters
+    ----------
+    view : View
+    cascades : Cascades
+        From `fit_windows`.
+    by_interval : bool
+        Whether slices say which window answers, instead of the first that holds a point.
+
+    Returns
+    -------
+    arranged : Arranged
+    """
     windows = cascades.texel_size.max(axis=1) * cascades.map_size
     moved, reach, edge_cascade, bias, receiver_cascade, displaced, held = _core.arrange(
         view.camera,
         cascades.uvz_from_world,
         cascades.splits,
         windows,
-        settings.select == "interval",
+        by_interval,
         view.held,
         view.gradients,
         view.axes,
@@ -85,9 +99,7 @@ def arrange(view, settings, scene):
         STEEPEST,
         FARTHEST * USUAL,
     )
-    return Arranged(
-        moved, reach, edge_cascade, bias, receiver_cascade, displaced, windows, held, cascades
-    )
+    return Arranged(moved, reach, edge_cascade, bias, receiver_cascade, displaced, windows, held)
 
 
 def narrowest(reach, wide, lengths):

@@ -2,7 +2,7 @@
 
 import threading
 import weakref
-from dataclasses import dataclass, fields
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -123,8 +123,7 @@ class Cascades:
         self._freeze()
 
     def _freeze(self):
-        for field in fields(self):
-            value = getattr(self, field.name)
+        for value in self.__dict__.values():
             if isinstance(value, np.ndarray):
                 value.flags.writeable = False
 
@@ -191,6 +190,11 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held=None
             raise ValueError(
                 f"receivers must be finite (number {wrong} is {receivers[wrong].tolist()})"
             )
+    return fit_checked(camera, sun, settings, scene, receivers, held)
+
+
+def fit_checked(camera, sun, settings, scene, receivers=None, held=None):
+    """`fit_cascades` of arguments that are known to be right: what is fitted often asks this."""
     fitted = _core.fit_cascades(
         camera,
         sun.to_light,

@@ -8,7 +8,7 @@ from operator import attrgetter
 import numpy as np
 
 from . import _core
-from .arrangements import FARTHEST, USUAL, arrange, narrowest
+from .arrangements import FARTHEST, USUAL, arrange, fit_windows, narrowest
 from .settings import ShadowSettings, map_sizes
 
 __all__ = ["Expected", "Forecaster", "sides_of"]
@@ -33,10 +33,10 @@ EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
 UNEQUAL = 1.03
 
 
-#: Fields of settings that move no window.
+#: Fields of settings that move no window; the selection only says which of them answers.
 WITHOUT_WINDOWS = {
     "map_size", "storage", "depth_format", "filter", "filter_size", "tap_count", "disc",
-    "caster_faces", "cull",
+    "caster_faces", "cull", "select",
 }  # fmt: skip
 #: Of those, what windows are fitted with.
 SUPPOSED = {"map_size": USUAL, "storage": "array", "depth_format": "d32f", "filter": "hard"}
@@ -76,7 +76,7 @@ class Forecaster:
 
     def __init__(self, signals, scene):
         self.signals, self._scene, self._known = signals, scene, {}
-        self._wanted, self._loads, self._last = {}, {}, (None, None)
+        self._fitted, self._wanted, self._loads, self._last = {}, {}, {}, (None, None)
         self._soft = self._wide = None
 
     def aliasing(self, settings, map_size=None, filter_size=None):
@@ -351,29 +351,42 @@ class Forecaster:
         -------
         load : csm.caster_load.Load
         """
-        key = self._key(settings)
+        key, _ = self._key(settings)
         if key not in self._loads:
             if settings.turned or settings.warp != "none":
                 self._loads[key] = self.load(settings.replace(turned=False, warp="none"))
             else:
-                cascades = self._taken(0, settings).cascades
-                self._loads[key] = self.signals.views[0].casters.load(cascades)
+                self._loads[key] = self.signals.views[0].casters.load(self._windows(0, settings))
         return self._loads[key]
 
     def _taken(self, number, settings):
         """What an arrangement of windows makes of one view."""
         key = number, self._key(settings)
         if key not in self._known:
-            if any(getattr(settings, name) != value for name, value in SUPPOSED.items()):
-                settings = settings.replace(**SUPPOSED)
-            self._known[key] = arrange(self.signals.views[number], settings, self._scene)
+            view, by_interval = self.signals.views[number], settings.select == "interval"
+            self._known[key] = arrange(view, self._windows(number, settings), by_interval)
         return self._known[key]
 
+    def _windows(self, number, settings):
+        """Cascades of one view, whatever the selection among them."""
+        key = number, self._key(settings)[0]
+        if key not in self._fitted:
+            if any(getattr(settings, name) != value for name, value in SUPPOSED.items()):
+                settings = settings.replace(**SUPPOSED)
+            self._fitted[key] = fit_windows(self.signals.views[number], settings, self._scene)
+        return self._fitted[key]
+
     def _key(self, settings):
-        """What of settings moves windows; read once of the settings asked about last."""
+        """What of settings moves windows, and the selection; read once of those asked about last.
+
+        A shifted sphere hangs on the selection itself.
+        """
         last = self._last
         if settings is not last[0]:
-            self._last = last = settings, _windows_of(settings)
+            moves = _windows_of(settings)
+            if settings.fit == "shifted":
+                moves += (settings.select,)
+            self._last = last = settings, (moves, settings.select)
         return last[1]
 
 

@@ -346,8 +346,11 @@ class ShadowSettings(Recorded):
 
     def _take(self, values):
         """Set fields to values, each checked, and then all together."""
-        for name in sorted(values, key=_PLACES.__getitem__):  # the number of cascades before sizes
-            object.__setattr__(self, name, self._checked(name, _KINDS[name], values[name]))
+        own = self.__dict__
+        if "map_size" in values and "cascade_count" in values:  # the number before the sizes
+            values = {"cascade_count": values["cascade_count"], **values}
+        for name, value in values.items():
+            own[name] = self._checked(name, _KINDS[name], value)
         by_hand = {"manual": "inner view depths [m]", "percentages": "percents of the view range"}
         if self.split in by_hand and len(self.manual_splits) != self.cascade_count - 1:
             raise ValueError(
@@ -469,12 +472,11 @@ def draw_alike(one, other):
     -------
     alike : bool
     """
-    return _core.canonical_settings(one) == _core.canonical_settings(other)
+    return _core.settings_draw_alike(one, other)
 
 
 MOST_CASCADES = 8
 _KINDS = {field.name: field.type for field in fields(ShadowSettings)}
-_PLACES = {name: place for place, name in enumerate(_KINDS)}
 
 
 def _number(name, value):

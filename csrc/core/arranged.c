@@ -8,14 +8,24 @@
 
 #include "csm.h"
 
-/* Place on a map, and the divisor w there. */
+/* Place on a map without a warp. */
+static void affine_place(const double uvz[16], const double p[3], double out_uv[2]) {
+    for (int row = 0; row < 2; row++) {
+        out_uv[row] = uvz[row] * p[0] + uvz[row + 4] * p[1] + uvz[row + 8] * p[2] + uvz[row + 12];
+    }
+}
+
+/* Place on any map, and the divisor w there. */
 static void place_of(const double uvz[16], const double p[3], double out_uv[2], double *out_w) {
     *out_w = uvz[3] * p[0] + uvz[7] * p[1] + uvz[11] * p[2] + uvz[15];
-    for (int row = 0; row < 2; row++) {
-        const double sum =
-            uvz[row] * p[0] + uvz[row + 4] * p[1] + uvz[row + 8] * p[2] + uvz[row + 12];
-        out_uv[row] = *out_w == 1.0 ? sum : sum / *out_w; /* without a warp it is 1 */
-    }
+    affine_place(uvz, p, out_uv);
+    out_uv[0] /= *out_w;
+    out_uv[1] /= *out_w;
+}
+
+/* Whether w is 1 everywhere. */
+static bool is_affine(const double uvz[16]) {
+    return uvz[3] == 0.0 && uvz[7] == 0.0 && uvz[11] == 0.0 && uvz[15] == 1.0;
 }
 
 /* The slice of a view depth: what lies on a split belongs before it. */
@@ -28,10 +38,15 @@ static int slice_of(const csm_arrangement *windows, double depth) {
 }
 
 /* The first map that holds a point; what none holds is left to the last. */
-static int map_of(const csm_arrangement *windows, const double p[3]) {
-    double uv[2], w;
+static int map_of(const csm_arrangement *windows, const bool *affine, const double p[3]) {
     for (int i = 0; i < windows->count - 1; i++) {
-        place_of(windows->uvz_from_world[i], p, uv, &w);
+        const double *uvz = windows->uvz_from_world[i];
+        double uv[2], w;
+        if (affine[i]) {
+            affine_place(uvz, p, uv);
+        } else {
+            place_of(uvz, p, uv, &w);
+        }
         if (fabs(uv[0] - 0.5) <= 0.5 && fabs(uv[1] - 0.5) <= 0.5) {
             return i;
         }
@@ -63,10 +78,6 @@ static bool metres_of(const csm_coarse_view *view, const double uvz[16], const d
     return volume != 0.0;
 }
 
-static bool is_affine(const double uvz[16]) {
-    return uvz[3] == 0.0 && uvz[7] == 0.0 && uvz[11] == 0.0;
-}
-
 /* An edge displaced by a map of one texel: the mean of |a . d| over the square of half a texel
  * either way, and the reach of a disc as wide as the map, an ellipse in the picture. */
 static void displace(const double steps[2], double metres[2][2], double *out_moved,
@@ -79,12 +90,11 @@ static void displace(const double steps[2], double metres[2][2], double *out_mov
 }
 
 static csm_status arrange_edges(const csm_coarse_view *view, const csm_arrangement *windows,
-                                csm_arranged *out, csm_error *err) {
+                                const bool *affine, csm_arranged *out, csm_error *err) {
     double metres[CSM_MAX_CASCADES][2][2];
-    bool affine[CSM_MAX_CASCADES], spread[CSM_MAX_CASCADES];
+    bool spread[CSM_MAX_CASCADES];
     const double *edges = view->points + 3 * view->receiver_count;
     for (int i = 0; i < windows->count; i++) {
-        affine[i] = is_affine(windows->uvz_from_world[i]);
         spread[i] =
             !affine[i] || metres_of(view, windows->uvz_from_world[i], (double[3]){0.0}, metres[i]);
     }
@@ -112,6 +122,10 @@ csm_status csm_arrange(const csm_coarse_view *view, const csm_arrangement *windo
     const csm_camera *camera = &view->camera;
     memset(out->displaced, 0, sizeof out->displaced);
     memset(out->held, 0, sizeof out->held);
+    bool affine[CSM_MAX_CASCADES];
+    for (int i = 0; i < windows->count; i++) {
+        affine[i] = is_affine(windows->uvz_from_world[i]);
+    }
     for (size_t k = 0; k < view->point_count; k++) {
         const double *p = view->points + 3 * k;
         const double from_eye[3] = {p[0] - camera->eye[0], p[1] - camera->eye[1],
@@ -121,7 +135,7 @@ csm_status csm_arrange(const csm_coarse_view *view, const csm_arrangement *windo
         if (k >= view->receiver_count + view->edge_count) {
             continue;
         }
-        const int taken = windows->by_interval ? slice : map_of(windows, p);
+        const int taken = windows->by_interval ? slice : map_of(windows, affine, p);
         if (k >= view->receiver_count) {
             out->edge_cascade[k - view->receiver_count] = taken;
             continue;
@@ -131,5 +145,5 @@ csm_status csm_arrange(const csm_coarse_view *view, const csm_arrangement *windo
         out->receiver_bias[k] = windows->bias_texels * windows->sides[taken] *
                                 (gradient < windows->steepest ? gradient : windows->steepest);
     }
-    return arrange_edges(view, windows, out, err);
+    return arrange_edges(view, windows, affine, out, err);
 }

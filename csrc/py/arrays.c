@@ -28,15 +28,40 @@ int csm_py_vector(PyObject *object, const char *name, int n, double *out) {
     return status;
 }
 
+/* Names of attributes as Python's own strings, made once: by those an attribute is found in a
+ * third of the time, and settings have sixty. Names are literals, so that their address says which
+ * it is; the table has room for several times as many as there are. */
+PyObject *csm_py_attribute(PyObject *object, const char *attribute) {
+    enum { ROOM = 1024 };
+    static struct {
+        const char *text;
+        PyObject *name;
+    } known[ROOM];
+    const uintptr_t mixed = (uintptr_t)attribute * 0x9E3779B1u;
+    size_t at = (mixed >> 8) % ROOM;
+    for (int tries = 0; tries < ROOM && known[at].text && known[at].text != attribute; tries++) {
+        at = (at + 1) % ROOM;
+    }
+    if (!known[at].text) {
+        known[at].name = PyUnicode_InternFromString(attribute);
+        if (!known[at].name) {
+            return NULL;
+        }
+        known[at].text = attribute;
+    }
+    return known[at].text == attribute ? PyObject_GetAttr(object, known[at].name)
+                                       : PyObject_GetAttrString(object, attribute);
+}
+
 int csm_py_attribute_vector(PyObject *object, const char *attribute, int n, double *out) {
-    PyObject *value = PyObject_GetAttrString(object, attribute);
+    PyObject *value = csm_py_attribute(object, attribute);
     int status = value ? csm_py_vector(value, attribute, n, out) : -1;
     Py_XDECREF(value);
     return status;
 }
 
 int csm_py_attribute_double(PyObject *object, const char *attribute, double *out) {
-    PyObject *value = PyObject_GetAttrString(object, attribute);
+    PyObject *value = csm_py_attribute(object, attribute);
     if (!value) {
         return -1;
     }
@@ -46,7 +71,7 @@ int csm_py_attribute_double(PyObject *object, const char *attribute, double *out
 }
 
 int csm_py_attribute_int(PyObject *object, const char *attribute, int *out) {
-    PyObject *value = PyObject_GetAttrString(object, attribute);
+    PyObject *value = csm_py_attribute(object, attribute);
     if (!value) {
         return -1;
     }
@@ -199,7 +224,7 @@ int csm_py_matrices(PyObject *object, const char *name, double **out, npy_intp *
 
 int csm_py_parse_camera(PyObject *camera, csm_camera *out) {
     double size[2];
-    PyObject *orthographic = PyObject_GetAttrString(camera, "orthographic");
+    PyObject *orthographic = csm_py_attribute(camera, "orthographic");
     if (!orthographic) {
         return -1;
     }

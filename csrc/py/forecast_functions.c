@@ -182,7 +182,7 @@ static int parse_casters(PyObject *object, PyObject *matrices, caster_arguments 
     }
     memcpy(in->casters.axes, axes, sizeof in->casters.axes);
     for (int i = 0; i < CASTER_ARRAYS; i++) {
-        PyObject *value = PyObject_GetAttrString(object, kinds[i].name);
+        PyObject *value = csm_py_attribute(object, kinds[i].name);
         if (value) {
             in->arrays[i] =
                 i == CENTRE

@@ -43,7 +43,8 @@ int csm_py_add_exceptions(PyObject *module);
  */
 int csm_py_vector(PyObject *object, const char *name, int n, double *out);
 
-/* An attribute as a vector, as a double, as an int. */
+/* An attribute, by a literal; as a vector, as a double, as an int. */
+PyObject *csm_py_attribute(PyObject *object, const char *attribute);
 int csm_py_attribute_vector(PyObject *object, const char *attribute, int n, double *out);
 int csm_py_attribute_double(PyObject *object, const char *attribute, double *out);
 int csm_py_attribute_int(PyObject *object, const char *attribute, int *out);

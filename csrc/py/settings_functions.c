@@ -18,7 +18,7 @@ static int choice_number(const csm_effect_info *row, const char *choice) {
 }
 
 static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out) {
-    PyObject *value = PyObject_GetAttrString(settings, row->name);
+    PyObject *value = csm_py_attribute(settings, row->name);
     if (!value) {
         return -1;
     }
@@ -43,7 +43,7 @@ static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out
 
 /* map_size is one number for all cascades or a sequence of one per cascade. */
 static int parse_map_size(PyObject *settings, int count, int *out) {
-    PyObject *value = PyObject_GetAttrString(settings, "map_size");
+    PyObject *value = csm_py_attribute(settings, "map_size");
     if (!value) {
         return -1;
     }
@@ -65,7 +65,7 @@ static int parse_map_size(PyObject *settings, int count, int *out) {
 }
 
 static int parse_manual_splits(PyObject *settings, int count, double *out) {
-    PyObject *value = PyObject_GetAttrString(settings, "manual_splits");
+    PyObject *value = csm_py_attribute(settings, "manual_splits");
     if (!value) {
         return -1;
     }
@@ -220,6 +220,25 @@ static PyObject *canonical_settings(PyObject *module, PyObject *object) {
 fail:
     Py_DECREF(dict);
     return NULL;
+}
+
+PyDoc_STRVAR(settings_draw_alike_doc,
+             "settings_draw_alike(one, other)\n--\n\n"
+             "Whether settings are equal, meaningless ones at their defaults.");
+
+static PyObject *settings_draw_alike(PyObject *module, PyObject *args) {
+    PyObject *objects[2];
+    csm_settings settings[2];
+    if (!PyArg_ParseTuple(args, "OO:settings_draw_alike", &objects[0], &objects[1])) {
+        return NULL;
+    }
+    for (int i = 0; i < 2; i++) {
+        if (parse_valid(module, objects[i], &settings[i]) < 0) {
+            return NULL;
+        }
+        csm_settings_canonical(&settings[i]);
+    }
+    return PyBool_FromLong(csm_settings_equal(&settings[0], &settings[1]));
 }
 
 PyDoc_STRVAR(effect_table_doc, "effect_table()\n--\n\n"
@@ -458,6 +477,7 @@ static PyObject *program_defines(PyObject *module, PyObject *args) {
 PyMethodDef csm_py_settings_methods[] = {
     {"validate_settings", validate_settings, METH_O, validate_settings_doc},
     {"canonical_settings", canonical_settings, METH_O, canonical_settings_doc},
+    {"settings_draw_alike", settings_draw_alike, METH_VARARGS, settings_draw_alike_doc},
     {"effect_table", effect_table, METH_NOARGS, effect_table_doc},
     {"number_table", number_table, METH_NOARGS, number_table_doc},
     {"moment_numbers", moment_numbers, METH_O, moment_numbers_doc},
