@@ -57,13 +57,17 @@ bool csm_receivers_depths(const csm_cascades_desc *desc, double out_range[2],
     return out_range[0] <= out_range[1];
 }
 
+static void relative_to_eye(const csm_cascades_desc *desc, size_t k, double out[3]) {
+    const double *point = desc->receivers->points + 3 * k;
+    for (int axis = 0; axis < 3; axis++) {
+        out[axis] = point[axis] - desc->camera.eye[axis];
+    }
+}
+
 /* The cascade whose receiver a point is, and where it lies relative to the eye; false if none. */
 static bool cascade_of(const csm_cascades_desc *desc, const csm_cascades *cascades, size_t k,
                        int *out, double out_from_eye[3]) {
-    const double *point = desc->receivers->points + 3 * k;
-    for (int axis = 0; axis < 3; axis++) {
-        out_from_eye[axis] = point[axis] - desc->camera.eye[axis];
-    }
+    relative_to_eye(desc, k, out_from_eye);
     const double depth = -vec3_dot(desc->camera.backward, out_from_eye);
     for (*out = 0; *out < cascades->count; ++*out) {
         if (depth <= cascades->splits[*out + 1]) {
@@ -115,10 +119,21 @@ void csm_receivers_enclose(const csm_cascades_desc *desc, const csm_cascades *ca
     }
 }
 
+/* The cascade of every point, CSM_MAX_CASCADES for those that are in none. */
+static void class_points(const csm_cascades_desc *desc, const csm_cascades *cascades,
+                         uint8_t *out) {
+    for (size_t k = 0; k < desc->receivers->point_count; k++) {
+        int taken;
+        double from_eye[3];
+        out[k] = cascade_of(desc, cascades, k, &taken, from_eye) ? (uint8_t)taken
+                                                                 : (uint8_t)CSM_MAX_CASCADES;
+    }
+}
+
 /* Corners of the receivers' boxes, or the points themselves, of cascade i in light x, y; room for
  * four for each box. */
 static size_t corners_of(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
-                         double (*out)[2]) {
+                         const uint8_t *taken, double (*out)[2]) {
     const csm_receivers *seen = desc->receivers;
     size_t count = 0;
     for (size_t k = 0; !seen->points && k < seen->box_count; k++) {
@@ -129,10 +144,10 @@ static size_t corners_of(const csm_cascades_desc *desc, const csm_cascades *casc
         }
     }
     for (size_t k = 0; seen->points && k < seen->point_count; k++) {
-        int taken;
-        double at[3];
-        if (cascade_of(desc, cascades, k, &taken, at) && taken == i) {
-            mat4_rotate(cascades->light_from_world[i], at, at);
+        if (taken[k] == i) {
+            double from_eye[3], at[3];
+            relative_to_eye(desc, k, from_eye);
+            mat4_rotate(cascades->light_from_world[i], from_eye, at);
             memcpy(out[count++], at, sizeof out[0]);
         }
     }
@@ -144,16 +159,23 @@ csm_status csm_receivers_turns(const csm_cascades_desc *desc, const csm_cascades
     const csm_receivers *seen = desc->receivers;
     const size_t most = seen->points ? seen->point_count : 4 * seen->box_count;
     double(*points)[2] = malloc((2 * most + 1) * sizeof *points);
-    if (!points) {
+    uint8_t *taken = malloc(seen->points ? seen->point_count + 1 : 1);
+    if (!points || !taken) {
+        free(points);
+        free(taken);
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to turn windows");
     }
+    if (seen->points) {
+        class_points(desc, cascades, taken);
+    }
     for (int i = 0; i < cascades->count; i++) {
-        const size_t count = csm_outer_points(points, corners_of(desc, cascades, i, points));
+        const size_t count = csm_outer_points(points, corners_of(desc, cascades, i, taken, points));
         double(*hull)[2] = points + count;
         const size_t corners = csm_convex_hull(points, count, 0.0, most + 1, hull);
         out_turns[i] = csm_smallest_rectangle((const double(*)[2])hull, corners);
     }
     free(points);
+    free(taken);
     return CSM_OK;
 }
 
