@@ -33,11 +33,11 @@ class Arranged:
         That answer for edges and receivers.
     receiver_bias : (m,) float64
         Along the light [m].
-    displaced : (n,) float64
+    displaced : list of float
         Edges' displacements by each cascade, times their lengths [pixels²].
     windows : (n,) float64
         Longer side of each window [m].
-    held : (n,) bool
+    held : list of bool
         Whether receivers lie between each one's splits.
     """
 
@@ -46,9 +46,9 @@ class Arranged:
     edge_cascade: np.ndarray
     receiver_bias: np.ndarray
     receiver_cascade: np.ndarray
-    displaced: np.ndarray
+    displaced: list[float]
     windows: np.ndarray
-    held: np.ndarray
+    held: list[bool]
 
 
 def fit_windows(view, settings, scene):
@@ -99,7 +99,16 @@ def arrange(view, cascades, by_interval):
         STEEPEST,
         FARTHEST * USUAL,
     )
-    return Arranged(moved, reach, edge_cascade, bias, receiver_cascade, displaced, windows, held)
+    return Arranged(
+        moved,
+        reach,
+        edge_cascade,
+        bias,
+        receiver_cascade,
+        displaced.tolist(),  # few numbers that much is made of: quicker without arrays
+        windows,
+        held.tolist(),
+    )
 
 
 def narrowest(reach, wide, lengths):

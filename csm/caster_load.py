@@ -44,7 +44,7 @@ class Load:
     _known: dict = field(default_factory=dict, repr=False)
 
     def drawn(self, faces, cutout):
-        """Layers and lines (n,), (n,) of the sides that are drawn.
+        """Layers and lines of the sides that are drawn, of each cascade.
 
         Parameters
         ----------
@@ -54,12 +54,13 @@ class Load:
 
         Returns
         -------
-        layers, lines : (n,) float64
+        layers, lines : list of float
         """
         if (faces, cutout) not in self._known:  # every size of the maps asks
             sides = {"both": slice(0, 2), "front": slice(0, 1), "back": slice(1, 2)}[faces]
             self._known[faces, cutout] = tuple(
-                one[:, sides].sum(axis=1) @ (1.0, cutout) for one in (self.layers, self.lines)
+                [sum(plain + cutout * cut for plain, cut in each[sides]) for each in one.tolist()]
+                for one in (self.layers, self.lines)
             )
         return self._known[faces, cutout]
 

@@ -122,12 +122,17 @@ class CostModel:
         costs : (n,) or (k, n) float64
         """
         layers, lines = forecaster.load(settings).drawn(settings.caster_faces, self.cutout)
-        covered = self.map_layer * layers + self.map_line * lines / sides
-        return self.map_texel + covered * (self.warp if settings.warp != "none" else 1.0)
+        return self._texel_cost(settings, np.asarray(layers), np.asarray(lines), sides)
 
     def usual_costs(self, settings, forecaster):
-        """`texel_costs` (n,) of maps of the usual size."""
-        return self.texel_costs(settings, forecaster, np.full(settings.cascade_count, float(USUAL)))
+        """`texel_costs` of maps of the usual size, as a list."""
+        drawn = forecaster.load(settings).drawn(settings.caster_faces, self.cutout)
+        return [self._texel_cost(settings, *each, USUAL) for each in zip(*drawn, strict=True)]
+
+    def _texel_cost(self, settings, layers, lines, sides):
+        """The same of what covers texels, of one map or of several."""
+        covered = self.map_layer * layers + self.map_line * lines / sides
+        return self.map_texel + covered * (self.warp if settings.warp != "none" else 1.0)
 
 
 #: Of a GPU: what fills maps is clearing and storing them as much as casters, passes over the

@@ -319,8 +319,8 @@ class Forecaster:
         idle : bool
         """
         views = range(len(self.signals.views))
-        held = np.any([self._taken(number, settings).held for number in views], axis=0)
-        return not held.all()
+        held = zip(*(self._taken(number, settings).held for number in views), strict=True)
+        return not all(map(any, held))
 
     def displaced(self, settings):
         """What a map's size divides to give the displacement of the edges it answers for.
@@ -331,12 +331,12 @@ class Forecaster:
 
         Returns
         -------
-        area : (n,) float64
+        area : list of float
             Of each cascade: lengths times displacements by a map of one texel [pixels²].
         """
-        return sum(
-            self._taken(number, settings).displaced for number in range(len(self.signals.views))
-        )
+        views = range(len(self.signals.views))
+        each = zip(*(self._taken(number, settings).displaced for number in views), strict=True)
+        return list(map(sum, each))
 
     def load(self, settings):
         """What casters lay on the maps of a path's first view.

@@ -6,9 +6,12 @@ multiplier of Lagrange makes a / s² = 2 l w s. Then the costs are ``(sum (a² w
 misses' square, and those of equal maps ``(sum a)² sum w``.
 """
 
+import math
+
 import numpy as np
 
 from .forecasts import UNEQUAL
+from .settings import map_sizes
 
 __all__ = ["equal_side", "filling_burden", "size_parts", "texels_spared", "unequal_sizes"]
 
@@ -33,14 +36,16 @@ def size_parts(settings, forecaster, model):
 
     Returns
     -------
-    parts : (n,) float64 or None
+    parts : list of float or None
         Of the largest; None where equal maps are nearly as good.
     """
     area = forecaster.displaced(settings)
-    if not area.max() > 0.0:
+    if not max(area) > 0.0:
         return None
-    parts = np.cbrt(area / model.usual_costs(settings, forecaster))
-    parts = np.maximum(parts / parts.max(), LEAST_PART)
+    each = zip(area, model.usual_costs(settings, forecaster), strict=True)
+    parts = [math.cbrt(one / cost) for one, cost in each]
+    most = max(parts)
+    parts = [max(part / most, LEAST_PART) for part in parts]
     return parts if _texels_spared(area, parts) >= WORTH else None
 
 
@@ -49,7 +54,7 @@ def unequal_sizes(parts, largest):
 
     Parameters
     ----------
-    parts : (n,) float64
+    parts : (n,) array_like
     largest : float or (k,) float64
         Side of the largest [texels].
 
@@ -64,22 +69,22 @@ def unequal_sizes(parts, largest):
 def equal_side(settings, forecaster):
     """Side of equal maps that miss what unequal ones do [texels]; None where nothing is missed."""
     area = forecaster.displaced(settings)
-    return _equal_side(area, np.asarray(settings.map_size, float)) if area.max() > 0.0 else None
+    return _equal_side(area, map_sizes(settings)) if max(area) > 0.0 else None
 
 
 def texels_spared(settings, forecaster):
     """How many times the texels of unequal maps equal ones as good have; None as `equal_side`."""
     area = forecaster.displaced(settings)
-    sides = np.asarray(settings.map_size, float)
-    return _texels_spared(area, sides) if area.max() > 0.0 else None
+    return _texels_spared(area, map_sizes(settings)) if max(area) > 0.0 else None
 
 
 def _equal_side(area, sides):
-    return float(area.sum() / (UNEQUAL * (area / sides).sum()))
+    missed = sum(one / side for one, side in zip(area, sides, strict=True))
+    return sum(area) / (UNEQUAL * missed)
 
 
 def _texels_spared(area, sides):
-    return len(sides) * _equal_side(area, sides) ** 2 / float(np.square(sides).sum())
+    return len(sides) * _equal_side(area, sides) ** 2 / sum(side * side for side in sides)
 
 
 def filling_burden(settings, forecaster, model):
@@ -98,5 +103,6 @@ def filling_burden(settings, forecaster, model):
     """
     area, texel = forecaster.displaced(settings), model.usual_costs(settings, forecaster)
     if settings.snap != "none":
-        return float(area.sum() ** 2 * texel.sum())
-    return float(np.cbrt(area**2 * texel).sum() ** 3)
+        return sum(area) ** 2 * sum(texel)
+    each = zip(area, texel, strict=True)
+    return sum(math.cbrt(one * one * cost) for one, cost in each) ** 3

@@ -426,14 +426,17 @@ class Search:
 
     def _gains(self, settings, **changes):
         """Whether settings are better than changed ones by what counts."""
-        now, then = (self.forecaster.aliasing(s) for s in (settings, settings.replace(**changes)))
-        return now < (1.0 - GAIN) * then
+        return self._missed(settings) < (1.0 - GAIN) * self._missed(settings.replace(**changes))
 
     def _better(self, settings, gain=GAIN, **changes):
         """Changed settings, if the forecast gains by them what counts; in a list."""
         changed = settings.replace(**changes)
-        now, then = (self.forecaster.aliasing(s) for s in (settings, changed))
-        return [changed] if then < (1.0 - gain) * now else []
+        better = self._missed(changed) < (1.0 - gain) * self._missed(settings)
+        return [changed] if better else []
+
+    def _missed(self, settings):
+        """What edges miss by maps of one usual size, but for a factor of them all."""
+        return sum(self.forecaster.displaced(settings))
 
 
 def _each(values, count):
