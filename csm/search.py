@@ -140,13 +140,39 @@ class Search:
             filters = pcss + filters
         elif self.goal["max_error"] is not None and self.signals.penumbra_pixels[2] > 0.0:
             filters += pcss
-        return [
-            family
-            for count in COUNTS
-            for arranged in self._arrangements(count)
-            for sized, sizes in self._sizes(arranged)
-            for family in self._filtered(sized, sizes, filters)
-        ]
+        found = []
+        for count in COUNTS:
+            found += [
+                family
+                for arranged in self._arrangements(count)
+                for sized, sizes in self._sizes(arranged)
+                for family in self._filtered(sized, sizes, filters)
+            ]
+            if self._more_are_idle(count) and self._reach(found):
+                break
+        return found
+
+    def _more_are_idle(self, count):
+        """Whether neither so many cascades nor the number before cost less than fewer do."""
+        tried = COUNTS[: COUNTS.index(count) + 1]
+        return len(tried) > 2 and not any(self._saves(one) for one in tried[-2:])
+
+    def _reach(self, families):
+        """Whether one of some families is on the goal's side, where nothing but the error counts.
+
+        With a budget, of time or of bytes, every number of maps may be the best within it.
+        """
+        if self.goal["budget_ms"] is not None or self.goal["max_bytes"] is not None:
+            return False
+        if self.goal["max_error"] is not None:
+            return any((one.expected.error <= self.goal["max_error"]).any() for one in families)
+        called_for = families[0].arranged.filter
+        held, left_out = self._knee_limits(called_for)
+        return any(
+            ((one.expected.held <= held) & (one.expected.left_out <= left_out)).any()
+            for one in families
+            if one.arranged.filter == called_for
+        )
 
     def _sizes(self, arranged):
         """Settings and sizes of their maps: equal ones (k,), and of a still unequal ones (k, n)."""
@@ -296,10 +322,7 @@ class Search:
         """
         if (called_for, model) in self._known_knees:  # a path asks about every candidate
             return self._known_knees[called_for, model]
-        full = self.forecaster.expected(self._everything_on(called_for))
-        margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
-        held = full.held + margin
-        left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra()) + margin
+        held, left_out = self._knee_limits(called_for)
         among = self._allowed & self._filtered_by(called_for)
         among &= (self._column("held") <= held) & (self._column("left_out") <= left_out)
         most = -math.inf
@@ -313,6 +336,13 @@ class Search:
 
         self._known_knees[called_for, model] = enough
         return enough
+
+    def _knee_limits(self, called_for):
+        """What texels may miss at the knee, and what kernels may leave out of penumbrae."""
+        full = self.forecaster.expected(self._everything_on(called_for))
+        margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
+        most_left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra())
+        return full.held + margin, most_left_out + margin
 
     def _filtered_by(self, name):
         """Which candidates have a filter (m,)."""
@@ -376,7 +406,8 @@ class Search:
         elif count > 1:
             every = self._split(settings)
         # more maps that save nothing are considered where finer ones are wanted than a map can be
-        if not moves and self._saves(count, every):  # neither can be snapped
+        self._burdens[count] = min(self._burden(one) for one in every)
+        if not moves and self._saves(count):  # neither can be snapped
             every += [
                 one
                 for plain in every
@@ -392,12 +423,10 @@ class Search:
         held = [one for one in every if not self.forecaster.has_idle_cascades(one)]
         return held if count > 1 else every
 
-    def _saves(self, count, every):
+    def _saves(self, count):
         """Whether so many maps cost less for an error than fewer do."""
-        burden = min(self._burden(one) for one in every)
         fewer = min((it for n, it in self._burdens.items() if n < count), default=math.inf)
-        self._burdens[count] = burden
-        return burden <= (1.0 - GAIN) * fewer
+        return self._burdens[count] <= (1.0 - GAIN) * fewer
 
     def _split(self, settings):
         """Settings by the scheme that costs least, and by what is seen if that costs less."""

@@ -218,8 +218,8 @@ def test_no_other_sizes_make_maps_of_one_error_cheaper(stairs, model):
         if free.sum() < 2:
             continue
         seen += 1
-        area = told.displaced(family.arranged)[free]
-        texel = model.usual_costs(family.arranged, told)[free]
+        area = np.array(told.displaced(family.arranged))[free]
+        texel = np.array(model.usual_costs(family.arranged, told))[free]
         chosen = family.arranged.replace(map_size=tuple(sizes.tolist()))
         assert texels_spared(chosen, told) > 0.95 * WORTH  # whole steps move it a little
         sizes = sizes[free]
