@@ -1,6 +1,7 @@
 """What windows of cascades make of a coarse view, whatever the size of their maps."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -11,6 +12,8 @@ __all__ = ["FARTHEST", "LEFT_OUT", "USUAL", "Arranged", "arrange", "fit_windows"
 
 # An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
 FARTHEST = 8.0
+# Of the widest window: slices without receivers have windows of nothing.
+NOTHING = 1e-3
 USUAL = 2048  # side of maps, where one must be supposed
 # Of the automatic bias: texels of slope, and the steepest slope.
 BIAS_TEXELS, STEEPEST = 0.25, 1000.0
@@ -49,6 +52,11 @@ class Arranged:
     displaced: list[float]
     windows: np.ndarray
     held: list[bool]
+
+    @cached_property
+    def wide(self):
+        """Which windows hold more than nothing (n,)."""
+        return self.windows > NOTHING * self.windows.max()
 
 
 def fit_windows(view, settings, scene):

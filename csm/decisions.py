@@ -9,6 +9,7 @@ round and looks whether the picture minds.
 import math
 from collections.abc import Callable
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 
@@ -71,14 +72,16 @@ class Situation:
 
     def gain(self, **changes):
         """Share of the error that the settings save against changed ones, as forecast."""
-        with_it = self.forecaster.aliasing(self.settings)
         without = self.forecaster.aliasing(self.settings.replace(**changes))
-        return 1.0 - with_it / without if without > 0.0 else 0.0
+        return 1.0 - self._aliasing / without if without > 0.0 else 0.0
 
-    def texel(self, map_size=None, filter_size=None):
-        """Side [m] of the finest cascade's texel, and of the coarsest; in maps of other sizes."""
-        sides = self.forecaster.texel_sides(self.settings, map_size, filter_size)
-        return sides.min(axis=-1), sides.max(axis=-1)
+    @cached_property
+    def _aliasing(self):
+        return self.forecaster.aliasing(self.settings)
+
+    def finest_texel(self, map_size=None, filter_size=None):
+        """Side [m] of the finest cascade's texel; in maps of other sizes, of each (k,)."""
+        return self.forecaster.texel_sides(self.settings, map_size, filter_size).min(axis=-1)
 
 
 @dataclass(frozen=True)
@@ -235,7 +238,7 @@ def _quantum_16(at):
 
 
 def _needed_bias(at, map_size=None, filter_size=None):
-    return 0.25 * at.texel(map_size, filter_size)[0] * at.signals.bias_slope
+    return 0.25 * at.finest_texel(map_size, filter_size) * at.signals.bias_slope
 
 
 def _several(at):
@@ -290,8 +293,8 @@ def _resized(at, factor):
 
 
 def _blend_ratio(at):
-    finest, coarsest = at.texel()
-    return coarsest / finest
+    sides = at.forecaster.texel_sides(at.settings)
+    return sides.max() / sides.min()
 
 
 def _excess(at, changes):

@@ -22,8 +22,6 @@ SOFT_REST, SOFT_FEW = 0.2, 0.08
 WIDEST = 64.0
 # Of soft shadows [texels].
 LARGEST_KERNEL = 65
-# Of the widest window: slices without receivers have windows of nothing.
-NOTHING = 1e-3
 # Measured over forecast errors: of broad casters, and what thin ones add, whose shadows a quarter
 # of the picture does not resolve and a coarse map loses altogether.
 EDGE_FACTOR, THIN_FACTOR = 0.7, 2.0
@@ -76,7 +74,8 @@ class Forecaster:
 
     def __init__(self, signals, scene):
         self.signals, self._scene, self._known = signals, scene, {}
-        self._fitted, self._wanted, self._loads, self._last = {}, {}, {}, (None, None)
+        self._fitted, self._wanted, self._loads = {}, {}, {}
+        self._keys, self._numbers = {}, {}
         self._soft = self._wide = None
 
     def aliasing(self, settings, map_size=None, filter_size=None):
@@ -302,10 +301,9 @@ class Forecaster:
 
     def texel_sides(self, settings, map_size=None, filter_size=None):
         """Longer side of a texel of each cascade that receivers take (n,), or (k, n) [m]."""
-        windows = self._taken(0, settings).windows
-        wide = windows > NOTHING * windows.max()
+        known = self._taken(0, settings)
         sides = sides_of(settings, map_size)
-        return (windows / _inside(settings, sides, filter_size))[..., wide]
+        return (known.windows / _inside(settings, sides, filter_size))[..., known.wide]
 
     def has_idle_cascades(self, settings):
         """Whether a cascade has no receivers in any view.
@@ -377,17 +375,19 @@ class Forecaster:
         return self._fitted[key]
 
     def _key(self, settings):
-        """What of settings moves windows, and the selection; read once of those asked about last.
+        """Numbers of what of settings moves windows, and the selection; read once of each.
 
         A shifted sphere hangs on the selection itself.
         """
-        last = self._last
-        if settings is not last[0]:
+        known = self._keys.get(id(settings))
+        if known is None:
             moves = _windows_of(settings)
             if settings.fit == "shifted":
                 moves += (settings.select,)
-            self._last = last = settings, (moves, settings.select)
-        return last[1]
+            number = self._numbers.setdefault(moves, len(self._numbers))
+            # with the settings, so that no others get their id
+            known = self._keys[id(settings)] = settings, (number, settings.select)
+        return known[1]
 
 
 #: What of settings moves windows.
