@@ -13,14 +13,18 @@
 
 #include "coarse.h"
 
-#define FLAT 0.02 /* of the step from pixel to pixel, that the next may differ by on a plane */
+#define FLAT 0.02   /* of the step from pixel to pixel, that the next may differ by on a plane */
+#define TOGETHER 64 /* pixels of a row */
+#define BY_BEFORE 1 /* bits: whether the next pixel is where the step from the one before leads */
+#define BY_AFTER 2  /* ... and the one before, where the step from the next leads */
 #define WAYS 4 /* down, up, right, left: bit 1 is the axis, 0 along columns; bit 0 is backwards */
 
 /* One plane's last pixel. Places count along the way, from the border where it starts. */
 typedef struct plane_end {
     int place, crossing;
-    double last, step, after; /* linear values: of it, from pixel to pixel, of the next pixel */
-    bool seen;                /* whether the next shows anything; past the border nothing is seen */
+    bool seen;         /* whether the next shows anything; past the border nothing is seen */
+    double last, step; /* linear values: of it, from pixel to pixel */
+    double behind;     /* depth that the next pixel shows, INFINITY if nothing */
 } plane_end;
 
 typedef struct planes {
@@ -28,9 +32,11 @@ typedef struct planes {
     const csm_coarse_picture *picture;
     double bounds[6], slack;
     double *linear; /* what is linear in the picture on a plane: the inverse of depth, or depth */
-    uint8_t *ways;  /* bits: along which ways a plane ends at a pixel */
+    uint8_t *straight[2]; /* along an axis: BY_BEFORE, BY_AFTER */
+    uint8_t *marked;      /* whether a plane ends at a pixel, along one way */
+    uint32_t *starts;     /* of the ends of each place, along one way, among all; one more */
+    double *crossings[2]; /* where what crosses an axis is seen: columns, rows */
     plane_end *ends;
-    size_t count[WAYS];
 } planes;
 
 static int way_axis(int way) {
@@ -49,95 +55,174 @@ static void make_linear(planes *p) {
     const csm_camera *camera = p->picture->camera;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
     for (size_t i = 0; i < pixels; i++) {
-        const double depth = p->picture->valid[i] ? (double)p->picture->view_depth[i] : 1.0;
-        p->linear[i] = camera->orthographic ? depth : 1.0 / depth;
+        const float depth = p->picture->view_depth[i];
+        p->linear[i] = (double)(p->picture->valid[i] ? depth : 1.0F);
+    }
+    for (size_t i = 0; i < pixels && !camera->orthographic; i++) {
+        p->linear[i] = 1.0 / p->linear[i];
     }
 }
 
-/* Whether the plane of a pixel and the two before it ends there; next is 0 past the border. */
-static bool ends_at(const planes *p, size_t i, ptrdiff_t next, bool border) {
-    const uint8_t *facing = p->picture->facing + i;
-    if (!(facing[0] & *(facing - next) & *(facing - 2 * next))) {
-        return false;
-    }
-    const double *linear = p->linear + i;
-    const double before = *(linear - next), step = linear[0] - before;
-    const double allowed = FLAT * fabs(step);
-    if (!(fabs(step - (before - *(linear - 2 * next))) <= allowed)) {
-        return false;
-    }
-    return border || !p->picture->valid[(ptrdiff_t)i + next] ||
-           !(fabs(linear[next] - linear[0] - step) <= allowed);
-}
-
-static void find_ends(planes *p, int way) {
+static void make_crossings(planes *p) {
     const csm_camera *camera = p->picture->camera;
-    const int width = camera->width, height = camera->height, axis = way_axis(way);
-    const ptrdiff_t next = (axis ? 1 : width) * (way_back(way) ? -1 : 1);
-    const int last = way_back(way) ? 0 : side(camera, axis) - 1;
-    const int first[2] = {axis == 0 && !way_back(way) ? 2 : 0, axis == 1 && !way_back(way) ? 2 : 0};
-    const int end[2] = {height - (axis == 0 && way_back(way) ? 2 : 0),
-                        width - (axis == 1 && way_back(way) ? 2 : 0)};
-    for (int row = first[0]; row < end[0]; row++) {
-        for (int column = first[1]; column < end[1]; column++) {
+    for (int column = 0; column < camera->width; column++) {
+        p->crossings[0][column] = coarse_column_x(camera, column);
+    }
+    for (int row = 0; row < camera->height; row++) {
+        p->crossings[1][row] = coarse_row_y(camera, row);
+    }
+}
+
+/* Whether pixels of a row lie in a line with those before and after them, by either step: bits.
+ * Few say no, so they are asked without a branch; as numbers first, since compilers pack these. */
+static void judge_steps(const double *before, const double *here, const double *after, int count,
+                        uint8_t *restrict out) {
+    double bits[TOGETHER];
+    for (int i = 0; i < count; i++) {
+        const double step = here[i] - before[i], next = after[i] - here[i];
+        const double change = fabs(next - step);
+        bits[i] = (change <= FLAT * fabs(step) ? (double)BY_BEFORE : 0.0) +
+                  (change <= FLAT * fabs(next) ? (double)BY_AFTER : 0.0);
+    }
+    for (int i = 0; i < count; i++) {
+        out[i] = (uint8_t)(int)bits[i];
+    }
+}
+
+/* Along both axes, in every stretch of a row in which something faces the sun. */
+static void judge_all_steps(planes *p) {
+    const int width = p->picture->camera->width, height = p->picture->camera->height;
+    memset(p->straight[0], 0, 2 * (size_t)width * (size_t)height);
+    for (int row = 0; row < height; row++) {
+        for (int column = 0; column < width; column += TOGETHER) {
+            const int end = column + TOGETHER < width ? column + TOGETHER : width;
             const size_t i = (size_t)row * (size_t)width + (size_t)column;
-            if (ends_at(p, i, next, (axis ? column : row) == last)) {
-                p->ways[i] |= (uint8_t)(1 << way);
-                p->count[way]++;
+            if (!memchr(p->picture->facing + i, 1, (size_t)(end - column))) {
+                continue;
             }
+            const double *here = p->linear + i;
+            if (row > 0 && row + 1 < height) {
+                judge_steps(here - width, here, here + width, end - column, p->straight[0] + i);
+            }
+            const int left = column == 0, right = end == width; /* have no neighbour */
+            judge_steps(here + left - 1, here + left, here + left + 1, end - column - left - right,
+                        p->straight[1] + i + left);
         }
     }
+}
+
+/* Which of count pixels in a row from i on the plane of a pixel and the two before it ends at; past
+ * the border it always does. Returns how many. */
+static uint32_t mark_ends(planes *p, int way, size_t i, ptrdiff_t next, int count, bool border) {
+    const uint8_t *facing = p->picture->facing + i, *once = facing - next, *twice = once - next;
+    const uint8_t *here = p->straight[way_axis(way)] + i, *there = here - next;
+    const uint8_t *seen = p->picture->valid + (border ? (ptrdiff_t)i : (ptrdiff_t)i + next);
+    /* both by the step between the two, as the way leads */
+    const uint8_t by_led = way_back(way) ? BY_AFTER : BY_BEFORE, inside = !border;
+    const uint8_t by_leads = BY_BEFORE + BY_AFTER - by_led;
+    uint8_t *restrict marked = p->marked + i;
+    uint32_t sum = 0;
+    for (int k = 0; k < count; k++) {
+        const uint8_t led = (there[k] & by_leads) != 0, on = (here[k] & by_led) != 0;
+        marked[k] = facing[k] & once[k] & twice[k] & led & (1 ^ (inside & seen[k] & on));
+    }
+    for (int k = 0; k < count; k++) {
+        sum += marked[k];
+    }
+    return sum;
+}
+
+/* From the pixel to the next one along a way. */
+static ptrdiff_t way_next(const planes *p, int way) {
+    return (way_axis(way) ? 1 : p->picture->camera->width) * (way_back(way) ? -1 : 1);
+}
+
+/* Marks the ends of one way and counts them by their places; returns how many. */
+static size_t find_ends(planes *p, int way) {
+    const int width = p->picture->camera->width, height = p->picture->camera->height;
+    const int axis = way_axis(way), length = side(p->picture->camera, axis);
+    const ptrdiff_t next = way_next(p, way);
+    const int last = way_back(way) ? 0 : length - 1;
+    uint32_t *counts = p->starts + 1; /* of columns from left to right or of places down a column */
+    memset(p->marked, 0, (size_t)width * (size_t)height);
+    memset(p->starts, 0, ((size_t)length + 1) * sizeof *p->starts);
+    for (int row = 0; length > 2 && row < height; row++) {
+        const size_t first = (size_t)row * (size_t)width;
+        if (axis) {
+            mark_ends(p, way, first + (way_back(way) ? 1 : 2), next, width - 3, false);
+            mark_ends(p, way, first + (size_t)last, next, 1, true);
+            for (int column = 0; column < width; column++) {
+                counts[column] += p->marked[first + (size_t)column];
+            }
+        } else if (way_back(way) ? row < height - 2 : row >= 2) {
+            counts[row] = mark_ends(p, way, first, next, width, row == last);
+        }
+    }
+    for (int i = 0; way_back(way) && i < length / 2; i++) {
+        const uint32_t count = counts[i];
+        counts[i] = counts[length - 1 - i];
+        counts[length - 1 - i] = count;
+    }
+    for (int place = 0; place < length; place++) {
+        counts[place] += counts[place - 1];
+    }
+    return p->starts[length];
+}
+
+static plane_end end_of(const planes *p, int way, int row, int column) {
+    const int axis = way_axis(way), length = side(p->picture->camera, axis);
+    const size_t i = (size_t)row * (size_t)p->picture->camera->width + (size_t)column;
+    const ptrdiff_t next = way_next(p, way);
+    const int along = axis ? column : row, place = way_back(way) ? length - 1 - along : along;
+    const double *linear = p->linear + i;
+    const bool seen = place + 1 < length && p->picture->valid[(ptrdiff_t)i + next];
+    const double after = seen ? linear[next] : 0.0;
+    return (plane_end){
+        .place = place,
+        .crossing = axis ? row : column,
+        .seen = seen,
+        .last = linear[0],
+        .step = linear[0] - *(linear - next),
+        .behind = !seen                   ? INFINITY
+                  : p->full->orthographic ? after
+                                          : 1.0 / after,
+    };
 }
 
 /* The ends of one way, place by place. */
-static size_t gather(planes *p, int way) {
-    const csm_camera *camera = p->picture->camera;
-    const int axis = way_axis(way), length = side(camera, axis), wide = side(camera, !axis);
-    const ptrdiff_t next = (axis ? 1 : camera->width) * (way_back(way) ? -1 : 1);
-    size_t count = 0;
-    for (int place = 0; place < length && count < p->count[way]; place++) {
-        const int along = way_back(way) ? length - 1 - place : place;
-        for (int crossing = 0; crossing < wide; crossing++) {
-            const int row = axis ? crossing : along, column = axis ? along : crossing;
-            const size_t i = (size_t)row * (size_t)camera->width + (size_t)column;
-            if (!(p->ways[i] & 1 << way)) {
-                continue;
+static void gather(planes *p, int way) {
+    const int width = p->picture->camera->width, height = p->picture->camera->height;
+    for (int row = 0; row < height; row++) {
+        const uint8_t *marked = p->marked + (size_t)row * (size_t)width;
+        for (int column = 0; column < width; column++) {
+            uint64_t eight = 1;
+            if (column + 8 <= width) {
+                memcpy(&eight, marked + column, sizeof eight);
             }
-            const bool inside = place + 1 < length;
-            const double *linear = p->linear + i;
-            p->ends[count++] = (plane_end){
-                .place = place,
-                .crossing = crossing,
-                .last = linear[0],
-                .step = linear[0] - *(linear - next),
-                .after = inside ? linear[next] : 0.0,
-                .seen = inside && p->picture->valid[(ptrdiff_t)i + next],
-            };
+            if (!eight) {
+                column += 7;
+            } else if (marked[column]) {
+                const plane_end end = end_of(p, way, row, column);
+                p->ends[p->starts[end.place]++] = end;
+            }
         }
     }
-    return count;
 }
 
-/* The depth at which a pixel of the full picture sees the plane go on, ahead of its last coarse
- * pixel by a part of one; false where it does not. */
+/* Whether a pixel of the full picture, ahead of a plane's last coarse one by a part of one, sees it
+ * go on, and at which depth. No branch: it is anybody's guess. */
 static bool goes_on(const planes *p, const plane_end *end, double ahead, double *depth) {
-    const bool straight = p->full->orthographic;
     const double value = end->last + end->step * ahead;
-    if (!(ahead < 1.0 && value > 0.0)) {
-        return false;
-    }
-    *depth = straight ? value : 1.0 / value;
-    const double behind = straight ? end->after : 1.0 / end->after;
-    return (!end->seen || *depth <= behind) && *depth <= p->full->far_depth;
+    *depth = p->full->orthographic ? value : 1.0 / value;
+    return (value > 0.0) & (*depth <= end->behind) & (*depth <= p->full->far_depth);
 }
 
 static bool in_bounds(const planes *p, const double point[3]) {
+    bool in = true;
     for (int i = 0; i < 3; i++) {
-        if (!(point[i] >= p->bounds[i] - p->slack && point[i] <= p->bounds[3 + i] + p->slack)) {
-            return false;
-        }
+        in &= (point[i] >= p->bounds[i] - p->slack) & (point[i] <= p->bounds[3 + i] + p->slack);
     }
-    return true;
+    return in;
 }
 
 /* Pixels of the full picture along a side, per pixel of the coarse one. */
@@ -145,25 +230,42 @@ static double ratio_along(const planes *p, int axis) {
     return (double)side(p->full, axis) / side(p->picture->camera, axis);
 }
 
-static void add_points(const planes *p, int way, size_t count, csm_plane_ends *out) {
+/* A pixel of the full picture past the last coarse ones of one place. */
+typedef struct full_pixel {
+    double ahead; /* coarse pixels past their centre; 1 past the border */
+    double seen;  /* where along the way */
+} full_pixel;
+
+static full_pixel pixel_past(const planes *p, int way, int place, int k) {
     const int axis = way_axis(way), length = side(p->full, axis);
-    const double ratio = ratio_along(p, axis);
-    for (int k = 1; k <= (int)ceil(ratio); k++) {
+    const double ratio = ratio_along(p, axis), centre = (place + 0.5) * ratio;
+    const int pixel = (int)floor(centre - 0.5) + k;
+    const int along = way_back(way) ? length - 1 - pixel : pixel;
+    return (full_pixel){
+        .ahead = pixel < length ? (pixel + 0.5 - centre) / ratio : 1.0,
+        .seen = axis ? coarse_column_x(p->full, along) : coarse_row_y(p->full, along),
+    };
+}
+
+static void add_points(const planes *p, int way, size_t count, csm_plane_ends *out) {
+    const int axis = way_axis(way);
+    for (int k = 1; k <= (int)ceil(ratio_along(p, axis)); k++) {
+        full_pixel pixel = {1.0, 0.0};
+        int place = -1;
         for (size_t i = 0; i < count; i++) {
             const plane_end *end = &p->ends[i];
-            const double centre = (end->place + 0.5) * ratio;
-            const int pixel = (int)floor(centre - 0.5) + k;
-            double depth;
-            if (pixel >= length || !goes_on(p, end, (pixel + 0.5 - centre) / ratio, &depth)) {
-                continue;
+            if (end->place != place) {
+                place = end->place;
+                pixel = pixel_past(p, way, place, k);
             }
-            const int along = way_back(way) ? length - 1 - pixel : pixel;
-            const double x = axis ? coarse_column_x(p->full, along)
-                                  : coarse_column_x(p->picture->camera, end->crossing);
-            const double y = axis ? coarse_row_y(p->picture->camera, end->crossing)
-                                  : coarse_row_y(p->full, along);
-            coarse_point(p->full, x, y, depth, out->points[out->count]);
-            out->count += in_bounds(p, out->points[out->count]);
+            if (pixel.ahead < 1.0) {
+                double depth, *point = out->points[out->count]; /* stays, if the plane does so */
+                const bool on = goes_on(p, end, pixel.ahead, &depth);
+                const double across = p->crossings[axis][end->crossing];
+                coarse_point(p->full, axis ? pixel.seen : across, axis ? across : pixel.seen, depth,
+                             point);
+                out->count += on & in_bounds(p, point);
+            }
         }
     }
 }
@@ -199,19 +301,19 @@ static void add_horizon(const planes *p, int way, size_t count, csm_plane_ends *
 
 static csm_status find(planes *p, csm_plane_ends *out, csm_error *err) {
     make_linear(p);
-    size_t most = 0, room = 0;
+    make_crossings(p);
+    judge_all_steps(p);
     for (int way = 0; way < WAYS; way++) {
-        find_ends(p, way);
-        most = p->count[way] > most ? p->count[way] : most;
-        room += p->count[way] * (size_t)ceil(ratio_along(p, way_axis(way)));
-    }
-    p->ends = malloc((most + 1) * sizeof *p->ends);
-    out->points = malloc((room + 1) * sizeof *out->points);
-    if (!p->ends || !out->points) {
-        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu ends of planes", room);
-    }
-    for (int way = 0; way < WAYS; way++) {
-        const size_t count = gather(p, way);
+        const size_t count = find_ends(p, way);
+        const size_t room = out->count + count * (size_t)ceil(ratio_along(p, way_axis(way)));
+        void *ends = realloc(p->ends, (count + 1) * sizeof *p->ends);
+        p->ends = ends ? ends : p->ends;
+        void *points = realloc(out->points, (room + 1) * sizeof *out->points);
+        out->points = points ? points : out->points;
+        if (!ends || !points) {
+            return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu ends of planes", room);
+        }
+        gather(p, way);
         add_points(p, way, count, out);
         if (!p->full->orthographic) {
             add_horizon(p, way, count, out);
@@ -224,19 +326,30 @@ csm_status csm_coarse_plane_ends(const csm_camera *full, const csm_coarse_pictur
                                  const double bounds[6], csm_plane_ends *out, csm_error *err) {
     memset(out, 0, sizeof *out);
     const size_t pixels = (size_t)picture->camera->width * (size_t)picture->camera->height;
+    const size_t width = (size_t)picture->camera->width, height = pixels / width;
     planes p = {.full = full,
                 .picture = picture,
-                .linear = malloc(pixels * sizeof *p.linear),
-                .ways = calloc(pixels, 1)};
+                .linear = malloc((pixels + width + height) * sizeof *p.linear),
+                .starts = malloc((width + height + 1) * sizeof *p.starts)};
+    uint8_t *bytes = malloc(3 * pixels);
     for (int i = 0; i < 6; i++) {
         p.bounds[i] = bounds[i];
         p.slack = fmax(p.slack, 1e-6 * fabs(bounds[i])); /* of depths in single precision */
     }
-    const csm_status status = p.linear && p.ways ? find(&p, out, err)
-                                                 : csm_fail(err, CSM_ERROR_OUT_OF_MEMORY,
-                                                            "no memory for %zu pixels", pixels);
+    csm_status status;
+    if (p.linear && p.starts && bytes) {
+        p.crossings[0] = p.linear + pixels;
+        p.crossings[1] = p.crossings[0] + width;
+        p.straight[0] = bytes;
+        p.straight[1] = bytes + pixels;
+        p.marked = bytes + 2 * pixels;
+        status = find(&p, out, err);
+    } else {
+        status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu pixels", pixels);
+    }
     free(p.linear);
-    free(p.ways);
+    free(p.starts);
+    free(bytes);
     free(p.ends);
     if (status != CSM_OK) {
         csm_plane_ends_free(out);
