@@ -1,7 +1,9 @@
 /* coarse_outline.c: the outermost points of coarse pictures, in slices of depth.
  *
  * In: pictures, more points, two axes across the light. Out: at most 192 points. Their pixels are
- * gone through twice: for the range of depths, and for the points.
+ * gone through twice: for the range of depths, and for the points. Hardly a pixel is outermost:
+ * some of them say how far out others must lie, and blocks whose boxes lie nearer are left out, by
+ * single precision and what it may be wrong by.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -12,6 +14,12 @@
 
 #define DIRECTIONS CSM_OUTLINE_DIRECTIONS
 #define SLICES CSM_OUTLINE_SLICES
+#define TOGETHER 64 /* columns that are gone through at once */
+#define BLOCK 8     /* columns, and rows, of a block */
+#define EVERY 4     /* rows and columns to the next pixel that is looked at first */
+/* of distances, that those in single precision may be wrong by, and those in double precision */
+#define SINGLE 2e-6
+#define DOUBLE 1e-14
 
 typedef struct outer_point {
     size_t number; /* in the order in which points are met */
@@ -21,8 +29,8 @@ typedef struct outer_point {
 typedef struct outline {
     const double (*axes)[3];
     double along[2][DIRECTIONS];
-    double borders[SLICES - 1]; /* between the slices [m] */
-    size_t met;
+    double borders[SLICES - 1];       /* between the slices [m] */
+    double least[SLICES][DIRECTIONS]; /* the outermost reach no less; -INFINITY: unknown */
     double reach[SLICES][DIRECTIONS]; /* -INFINITY where there is none yet */
     outer_point outermost[SLICES][DIRECTIONS];
 } outline;
@@ -35,22 +43,56 @@ static double depth_of(const csm_camera *camera, const double point[3]) {
     return depth;
 }
 
+/* Depths of count pixels of a row, NAN where they do not face the sun: no comparison holds. */
+static void facing_depths(const csm_coarse_picture *picture, size_t first, int count,
+                          float out[TOGETHER]) {
+    for (int i = 0; i < count; i++) {
+        const float depth = picture->view_depth[first + (size_t)i];
+        out[i] = picture->facing[first + (size_t)i] ? depth : NAN;
+    }
+}
+
+/* Lanes hold what was least and greatest. */
+static void widen(const float *values, int count, float *restrict low, float *restrict high) {
+    for (int i = 0; i < count; i++) {
+        low[i] = values[i] < low[i] ? values[i] : low[i];
+        high[i] = values[i] > high[i] ? values[i] : high[i];
+    }
+}
+
+/* The range of all lanes; low > high of none. */
+static void range_of(const float *low, const float *high, int count, double out[2]) {
+    float least = INFINITY, most = -INFINITY;
+    for (int i = 0; i < count; i++) {
+        least = low[i] < least ? low[i] : least;
+        most = high[i] > most ? high[i] : most;
+    }
+    out[0] = least;
+    out[1] = most;
+}
+
+static void empty_lanes(float *low, float *high, int count) {
+    for (int i = 0; i < count; i++) {
+        low[i] = INFINITY;
+        high[i] = -INFINITY;
+    }
+}
+
 /* Least and greatest depth; low > high of none. */
 static void depth_range(const csm_coarse_picture *pictures, int picture_count,
                         const double (*points)[3], size_t point_count, double range[2]) {
-    range[0] = INFINITY;
-    range[1] = -INFINITY;
+    float depths[TOGETHER], low[TOGETHER], high[TOGETHER];
+    empty_lanes(low, high, TOGETHER);
     for (int k = 0; k < picture_count; k++) {
-        const csm_coarse_picture *picture = &pictures[k];
-        const size_t pixels = (size_t)picture->camera->width * (size_t)picture->camera->height;
-        for (size_t i = 0; i < pixels; i++) {
-            if (picture->facing[i]) {
-                const double depth = picture->view_depth[i];
-                range[0] = depth < range[0] ? depth : range[0];
-                range[1] = depth > range[1] ? depth : range[1];
-            }
+        const size_t pixels =
+            (size_t)pictures[k].camera->width * (size_t)pictures[k].camera->height;
+        for (size_t i = 0; i < pixels; i += TOGETHER) {
+            const int count = pixels - i < TOGETHER ? (int)(pixels - i) : TOGETHER;
+            facing_depths(&pictures[k], i, count, depths);
+            widen(depths, count, low, high);
         }
     }
+    range_of(low, high, TOGETHER, range);
     for (size_t i = 0; i < point_count; i++) {
         const double depth = depth_of(pictures[0].camera, points[i]);
         range[0] = depth < range[0] ? depth : range[0];
@@ -60,7 +102,6 @@ static void depth_range(const csm_coarse_picture *pictures, int picture_count,
 
 static void outline_begin(outline *o, const double axes[2][3], const double range[2]) {
     o->axes = axes;
-    o->met = 0;
     const double low = fmax(range[0], 1e-9), high = fmax(range[1], 2e-9);
     for (int k = 1; k < SLICES; k++) {
         o->borders[k - 1] = low * pow(high / low, (double)k / SLICES);
@@ -70,46 +111,238 @@ static void outline_begin(outline *o, const double axes[2][3], const double rang
         o->along[0][k] = cos(angle);
         o->along[1][k] = sin(angle);
         for (int slice = 0; slice < SLICES; slice++) {
-            o->reach[slice][k] = -INFINITY;
+            o->least[slice][k] = o->reach[slice][k] = -INFINITY;
         }
     }
 }
 
-static void outline_add(outline *o, const double point[3], double depth) {
-    const size_t number = o->met++;
-    const double u = vec3_dot(point, o->axes[0]), v = vec3_dot(point, o->axes[1]);
+static int slice_of(const outline *o, double depth) {
     int slice = 0;
     for (int k = 0; k < SLICES - 1; k++) {
         slice += o->borders[k] < depth;
     }
-    double *reach = o->reach[slice], here[DIRECTIONS];
+    return slice;
+}
+
+/* How far out a point lies, and whether it may be outermost anywhere in its slice. */
+static inline bool reaches_out(const outline *o, const double point[3], int slice,
+                               double here[DIRECTIONS]) {
+    const double u = vec3_dot(point, o->axes[0]), v = vec3_dot(point, o->axes[1]);
+    const double *least = o->least[slice];
     double most = -INFINITY;               /* a reach of -INFINITY is beaten by all */
     for (int k = 0; k < DIRECTIONS; k++) { /* hardly a point is, so all directions at once */
         here[k] = u * o->along[0][k] + v * o->along[1][k];
-        const double beyond = here[k] - reach[k];
+        const double beyond = here[k] - least[k];
         most = beyond > most ? beyond : most;
     }
-    for (int k = 0; most > 0.0 && k < DIRECTIONS; k++) {
-        if (here[k] > reach[k]) {
+    return most >= 0.0;
+}
+
+/* Of points that lie equally far out the first counts, in whichever order they come. */
+static void outline_add(outline *o, const double point[3], double depth, size_t number) {
+    const int slice = slice_of(o, depth);
+    double here[DIRECTIONS], *reach = o->reach[slice], *least = o->least[slice];
+    if (!reaches_out(o, point, slice, here)) {
+        return;
+    }
+    for (int k = 0; k < DIRECTIONS; k++) {
+        outer_point *outer = &o->outermost[slice][k];
+        if (here[k] > reach[k] || (here[k] == reach[k] && number < outer->number)) {
             reach[k] = here[k];
-            o->outermost[slice][k].number = number;
-            memcpy(o->outermost[slice][k].point, point, 3 * sizeof *point);
+            least[k] = here[k] > least[k] ? here[k] : least[k];
+            outer->number = number;
+            memcpy(outer->point, point, 3 * sizeof *point);
         }
     }
 }
 
-static void outline_add_picture(outline *o, const csm_coarse_picture *picture) {
+static void pixel_point(const csm_coarse_picture *picture, int row, int column, double depth,
+                        double out[3]) {
     const csm_camera *camera = picture->camera;
-    for (int row = 0; row < camera->height; row++) {
-        const double y = coarse_row_y(camera, row);
-        const size_t first = (size_t)row * (size_t)camera->width;
-        for (int column = 0; column < camera->width; column++) {
-            if (picture->facing[first + (size_t)column]) {
-                const double depth = picture->view_depth[first + (size_t)column];
-                double point[3];
-                coarse_point(camera, coarse_column_x(camera, column), y, depth, point);
-                outline_add(o, point, depth);
+    coarse_point(camera, coarse_column_x(camera, column), coarse_row_y(camera, row), depth, out);
+}
+
+/* Some pixels say how far out the outermost lie at least. */
+static void look_first(outline *o, const csm_coarse_picture *picture) {
+    const int width = picture->camera->width;
+    for (int row = 0; row < picture->camera->height; row += EVERY) {
+        for (int column = row / EVERY % EVERY; column < width; column += EVERY) {
+            const size_t i = (size_t)row * (size_t)width + (size_t)column;
+            if (picture->facing[i]) {
+                const double depth = picture->view_depth[i];
+                const int slice = slice_of(o, depth);
+                double point[3], here[DIRECTIONS], *least = o->least[slice];
+                pixel_point(picture, row, column, depth, point);
+                reaches_out(o, point, slice, here);
+                for (int k = 0; k < DIRECTIONS; k++) {
+                    least[k] = here[k] > least[k] ? here[k] : least[k];
+                }
             }
+        }
+    }
+}
+
+/* How u and v of a picture's pixels follow, from the eye on: away * (row + column * step) - depth *
+ * back; away is the depth, 1 if orthographic. */
+typedef struct block_view {
+    const csm_coarse_picture *picture;
+    size_t first;                   /* number of its first pixel */
+    double eye[2], right[2], up[2]; /* u and v of the eye, and of the camera's axes */
+    float step[2], back[2];         /* per column, and per metre of depth */
+    double extent, slack;           /* of the picture plane; of distances in double precision */
+} block_view;
+
+static block_view view_blocks(const outline *o, const csm_coarse_picture *picture, size_t first) {
+    const csm_camera *camera = picture->camera;
+    block_view out = {.picture = picture, .first = first, .extent = 1.0};
+    const double pixel = 2.0 * camera->half_width / camera->width;
+    for (int i = 0; i < 2; i++) {
+        out.eye[i] = vec3_dot(camera->eye, o->axes[i]);
+        out.right[i] = vec3_dot(camera->right, o->axes[i]);
+        out.up[i] = vec3_dot(camera->up, o->axes[i]);
+        out.step[i] = (float)(pixel * out.right[i]);
+        out.back[i] = (float)vec3_dot(camera->backward, o->axes[i]);
+    }
+    out.extent += fabs(camera->centre[0]) + camera->half_width;
+    out.extent += fabs(camera->centre[1]) + camera->half_height;
+    for (int i = 0; i < 3; i++) {
+        out.slack += DOUBLE * fabs(camera->eye[i]);
+    }
+    return out;
+}
+
+/* Boxes of columns next to each other in some rows; lanes are columns. */
+typedef struct lanes {
+    float low[3][TOGETHER], high[3][TOGETHER]; /* u, v, depth */
+} lanes;
+
+static void add_row(const block_view *view, int row, int column, int count, lanes *out) {
+    const csm_camera *camera = view->picture->camera;
+    const size_t first = (size_t)row * (size_t)camera->width + (size_t)column;
+    const double x = coarse_column_x(camera, column), y = coarse_row_y(camera, row);
+    float depths[TOGETHER], across[TOGETHER];
+    facing_depths(view->picture, first, count, depths);
+    widen(depths, count, out->low[2], out->high[2]);
+    for (int axis = 0; axis < 2; axis++) {
+        const float start = (float)(x * view->right[axis] + y * view->up[axis]);
+        const float step = view->step[axis], back = view->back[axis];
+        if (camera->orthographic) {
+            for (int i = 0; i < count; i++) {
+                across[i] = start + (float)i * step - depths[i] * back;
+            }
+        } else {
+            for (int i = 0; i < count; i++) {
+                across[i] = depths[i] * (start + (float)i * step - back);
+            }
+        }
+        widen(across, count, out->low[axis], out->high[axis]);
+    }
+}
+
+/* Whether anything in a box of u, v and depth, by so much wider, may be outermost. */
+static bool box_reaches_out(const outline *o, const double box[3][2], double wrong) {
+    const double u = 0.5 * (box[0][0] + box[0][1]), v = 0.5 * (box[1][0] + box[1][1]);
+    const double more = wrong + DOUBLE * (fabs(u) + fabs(v));
+    const double wide = 0.5 * (box[0][1] - box[0][0]) + more;
+    const double high = 0.5 * (box[1][1] - box[1][0]) + more;
+    const int last = slice_of(o, box[2][1]);
+    double here[DIRECTIONS], most = -INFINITY;
+    for (int k = 0; k < DIRECTIONS; k++) {
+        const double c = o->along[0][k], s = o->along[1][k];
+        here[k] = u * c + v * s + wide * fabs(c) + high * fabs(s);
+    }
+    for (int slice = slice_of(o, box[2][0]); slice <= last; slice++) {
+        for (int k = 0; k < DIRECTIONS; k++) {
+            const double beyond = here[k] - o->least[slice][k];
+            most = beyond > most ? beyond : most;
+        }
+    }
+    return most >= 0.0;
+}
+
+/* What u and v in single precision may be wrong by at such depths. */
+static double wrong_by(const block_view *view, const double depths[2]) {
+    const double depth = fmax(fabs(depths[0]), fabs(depths[1]));
+    const bool straight = view->picture->camera->orthographic;
+    return SINGLE * (straight ? depth + view->extent : depth * view->extent) + view->slack;
+}
+
+static void add_pixels(outline *o, const block_view *view, int row, int column, int count) {
+    const csm_coarse_picture *picture = view->picture;
+    for (int end = column + count; column < end; column++) {
+        const size_t i = (size_t)row * (size_t)picture->camera->width + (size_t)column;
+        if (picture->facing[i]) {
+            const double depth = picture->view_depth[i];
+            double point[3];
+            pixel_point(picture, row, column, depth, point);
+            outline_add(o, point, depth, view->first + i);
+        }
+    }
+}
+
+/* From a row to that before an end, blocks of some columns. Of a block that may hold what is
+ * outermost each row is asked by itself. */
+static void add_blocks(outline *o, const block_view *view, int row, int end, int column,
+                       int count) {
+    lanes all;
+    for (int i = 0; i < 3; i++) {
+        empty_lanes(all.low[i], all.high[i], count);
+    }
+    for (int at = row; at < end; at++) {
+        add_row(view, at, column, count, &all);
+    }
+    for (int at = 0; at < count; at += BLOCK) {
+        const int width = count - at < BLOCK ? count - at : BLOCK;
+        double box[3][2];
+        for (int i = 0; i < 3; i++) {
+            range_of(all.low[i] + at, all.high[i] + at, width, box[i]);
+            for (int side = 0; i < 2 && side < 2; side++) {
+                box[i][side] += view->eye[i];
+            }
+        }
+        if (!(box[2][0] <= box[2][1]) || !box_reaches_out(o, box, wrong_by(view, box[2]))) {
+            continue;
+        }
+        if (end - row == 1) {
+            add_pixels(o, view, row, column + at, width);
+        }
+        for (int one = row; end - row > 1 && one < end; one++) {
+            add_blocks(o, view, one, one + 1, column + at, width);
+        }
+    }
+}
+
+static void outline_add_picture(outline *o, const csm_coarse_picture *picture, size_t first) {
+    const int width = picture->camera->width, height = picture->camera->height;
+    const block_view view = view_blocks(o, picture, first);
+    for (int row = 0; row < height; row += BLOCK) {
+        const int end = row + BLOCK < height ? row + BLOCK : height;
+        for (int column = 0; column < width; column += TOGETHER) {
+            const int count = width - column < TOGETHER ? width - column : TOGETHER;
+            add_blocks(o, &view, row, end, column, count);
+        }
+    }
+}
+
+/* In blocks of points that follow each other, which mostly lie near each other. */
+static void outline_add_points(outline *o, const csm_camera *camera, const double (*points)[3],
+                               size_t count, size_t first) {
+    for (size_t i = 0; i < count; i += BLOCK) {
+        const int some = count - i < BLOCK ? (int)(count - i) : BLOCK;
+        double box[3][2], depths[BLOCK];
+        for (int k = 0; k < some; k++) {
+            const double *point = points[i + (size_t)k];
+            depths[k] = depth_of(camera, point);
+            const double at[3] = {vec3_dot(point, o->axes[0]), vec3_dot(point, o->axes[1]),
+                                  depths[k]};
+            for (int axis = 0; axis < 3; axis++) {
+                box[axis][0] = k && box[axis][0] < at[axis] ? box[axis][0] : at[axis];
+                box[axis][1] = k && box[axis][1] > at[axis] ? box[axis][1] : at[axis];
+            }
+        }
+        const bool out = box_reaches_out(o, box, 0.0);
+        for (int k = 0; out && k < some; k++) {
+            outline_add(o, points[i + (size_t)k], depths[k], first + i + (size_t)k);
         }
     }
 }
@@ -150,10 +383,13 @@ size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
     outline o;
     outline_begin(&o, light_axes, range);
     for (int k = 0; k < picture_count; k++) {
-        outline_add_picture(&o, &pictures[k]);
+        look_first(&o, &pictures[k]);
     }
-    for (size_t i = 0; i < point_count; i++) {
-        outline_add(&o, points[i], depth_of(pictures[0].camera, points[i]));
+    size_t met = 0;
+    for (int k = 0; k < picture_count; k++) {
+        outline_add_picture(&o, &pictures[k], met);
+        met += (size_t)pictures[k].camera->width * (size_t)pictures[k].camera->height;
     }
+    outline_add_points(&o, pictures[0].camera, points, point_count, met);
     return outline_end(&o, out);
 }
