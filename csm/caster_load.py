@@ -117,14 +117,15 @@ class Casters:
         casters : Casters
         """
         kind = _core.casters_first(self, cascades.uvz_from_world)
+        ends = np.cumsum(np.bincount(kind, minlength=cascades.count + 1)).tolist()
+        order = _core.casters_order(self.area, kind)
         kept, weight = [], []
-        for one in range(cascades.count + 1):
-            among = np.flatnonzero(kind == one)
+        for start, end in zip([0, *ends], ends, strict=False):
+            among = order[start:end]
             if len(among) <= KEPT:
-                kept.append(among)
+                kept.append(np.sort(among))
                 weight.append(np.ones(len(among)))
                 continue
-            among = among[np.argsort(-np.abs(self.area[among]), kind="stable")]
             rest = among[LARGEST:]
             step = -(-len(rest) // (KEPT - LARGEST))
             some = rest[step // 2 :: step]

@@ -1296,4 +1296,9 @@ void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_
 void csm_casters_first(const csm_casters *casters, int count, const double (*uvz_from_world)[16],
                        int *out);
 
+/* Their numbers, kind by kind (0 to kinds - 1 <= CSM_MAX_CASCADES), of each the largest areas
+ * first, equal ones in order. */
+csm_status csm_casters_order(size_t count, const double *area, const int *kind, int kinds,
+                             int64_t *out, csm_error *err);
+
 #endif

@@ -333,6 +333,23 @@ def test_casters_are_classed_by_the_first_map_that_their_box_meets():
     assert set(wanted) == {0, 1, 2, 3}
 
 
+@pytest.mark.parametrize("count", [0, 1, 700])
+def test_casters_are_ordered_by_kind_and_size(count):
+    """Equal ones stay in order, whichever side they show."""
+    rng = np.random.default_rng(count)
+    area = rng.choice([-3.0, 3.0, 0.0, -0.0, 1e-300, 7e5], count) * rng.choice([1.0, 1.1], count)
+    area[::3] *= 1.0 + 2.0**-52 * rng.integers(0, 3, len(area[::3]))
+    kind = rng.integers(0, 9, count).astype(np.int32)
+    wanted = sorted(range(count), key=lambda i: (kind[i], -abs(area[i]), i))
+    assert _core.casters_order(area, kind).tolist() == wanted
+
+
+def test_kinds_that_no_window_has_are_refused():
+    for kind in (-1, 9):
+        with pytest.raises(ValueError, match=rf"kind must be 0 to 8 \(got {kind}\)"):
+            _core.casters_order(np.ones(1), np.full(1, kind, np.int32))
+
+
 def test_casters_that_do_not_fit_are_refused():
     none = np.zeros((2, 2))
     casters = Casters(np.eye(3)[:2], none, none, np.ones(3), np.zeros(2, bool), np.ones(2))

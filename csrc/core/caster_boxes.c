@@ -4,6 +4,8 @@
  * In: triangles as boxes across the light, windows as matrices. Out: layers, outlines and counts of
  * each map.
  */
+#include <stdlib.h>
+
 #include "linalg.h"
 
 #include "csm.h"
@@ -91,19 +93,102 @@ void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_
     }
 }
 
+/* Whether a box is held in part: by `held_by`, without its divisions. */
+static bool meets(const box_window *window, const double *centre, const double *half) {
+    bool out = true;
+    for (int row = 0; row < 2; row++) {
+        const double *turn = window->turn[row];
+        const double at = turn[0] * centre[0] + turn[1] * centre[1] + window->shift[row];
+        const double reach = fabs(turn[0]) * half[0] + fabs(turn[1]) * half[1];
+        const double low = at - reach > 0.0 ? at - reach : 0.0;
+        const double high = at + reach < 1.0 ? at + reach : 1.0;
+        const double side = high - low;
+        out &= (side > 0.0) | ((side == 0.0) & !(reach > 0.0)); /* edge on there is no width */
+    }
+    return out;
+}
+
 void csm_casters_first(const csm_casters *casters, int count, const double (*uvz_from_world)[16],
                        int *out) {
-    box_window windows[CSM_MAX_CASCADES];
-    for (int i = 0; i < count; i++) {
-        windows[i] = window_of(casters, uvz_from_world[i]);
-    }
     for (size_t k = 0; k < casters->count; k++) {
-        int first = 0;
-        while (first < count &&
-               !(held_by(&windows[first], casters->centre + 2 * k, casters->half + 2 * k).share >
-                 0.0)) {
-            first++;
-        }
-        out[k] = first;
+        out[k] = count;
     }
+    for (int i = count - 1; i >= 0; i--) { /* all windows, without a branch: which it is varies */
+        const box_window window = window_of(casters, uvz_from_world[i]);
+        for (size_t k = 0; k < casters->count; k++) {
+            out[k] = meets(&window, casters->centre + 2 * k, casters->half + 2 * k) ? i : out[k];
+        }
+    }
+}
+
+#define DIGIT 11 /* bits */
+#define DIGITS 6
+#define VALUES (1 << DIGIT)
+
+typedef struct sorted_caster {
+    uint64_t key;
+    size_t number;
+} sorted_caster;
+
+static size_t digit_of(uint64_t key, int digit) {
+    return key >> (DIGIT * digit) & (VALUES - 1);
+}
+
+/* Larger areas first. Bits of a positive number grow as it does. */
+static uint64_t area_key(double area) {
+    const double size = fabs(area);
+    uint64_t bits;
+    memcpy(&bits, &size, sizeof bits);
+    return ~bits;
+}
+
+/* By places of counts, which are used up; those of one place stay in order. */
+static void deal(const sorted_caster *from, size_t count, int digit, uint32_t counts[VALUES],
+                 sorted_caster *to) {
+    uint32_t sum = 0;
+    for (int i = 0; i < VALUES; i++) {
+        const uint32_t here = counts[i];
+        counts[i] = sum;
+        sum += here;
+    }
+    for (size_t k = 0; k < count; k++) {
+        to[counts[digit_of(from[k].key, digit)]++] = from[k];
+    }
+}
+
+csm_status csm_casters_order(size_t count, const double *area, const int *kind, int kinds,
+                             int64_t *out, csm_error *err) {
+    sorted_caster *from = malloc((2 * count + 1) * sizeof *from), *to = from + count;
+    uint32_t(*counts)[VALUES] = calloc(DIGITS, sizeof *counts);
+    if (!from || !counts) {
+        free(from);
+        free(counts);
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu casters", count);
+    }
+    sorted_caster *first = from;
+    size_t starts[CSM_MAX_CASCADES + 2] = {0};
+    for (size_t k = 0; k < count; k++) {
+        from[k] = (sorted_caster){area_key(area[k]), k};
+        for (int digit = 0; digit < DIGITS; digit++) {
+            counts[digit][digit_of(from[k].key, digit)]++;
+        }
+        starts[kind[k] + 1]++;
+    }
+    for (int digit = 0; digit < DIGITS; digit++) {
+        if (count && counts[digit][digit_of(from[0].key, digit)] < count) { /* else all share it */
+            deal(from, count, digit, counts[digit], to);
+            sorted_caster *other = from;
+            from = to;
+            to = other;
+        }
+    }
+    for (int i = 1; i < kinds; i++) {
+        starts[i] += starts[i - 1];
+    }
+    for (size_t k = 0; k < count; k++) {
+        out[starts[kind[from[k].number]]++] = (int64_t)from[k].number;
+    }
+    free(first);
+    free(counts);
+    return CSM_OK;
 }

@@ -273,12 +273,60 @@ static PyObject *casters_first(PyObject *module, PyObject *args, PyObject *kwarg
     return (PyObject *)out;
 }
 
+/* Whether all kinds lie in 0 to CSM_MAX_CASCADES; out: one more than the largest. */
+static bool parse_kinds(const int *kind, npy_intp count, int *out) {
+    *out = 0;
+    for (npy_intp i = 0; i < count; i++) {
+        if (kind[i] < 0 || kind[i] > CSM_MAX_CASCADES) {
+            PyErr_Format(PyExc_ValueError, "kind must be 0 to %d (got %d)", CSM_MAX_CASCADES,
+                         kind[i]);
+            return false;
+        }
+        *out = kind[i] + 1 > *out ? kind[i] + 1 : *out;
+    }
+    return true;
+}
+
+PyDoc_STRVAR(casters_order_doc, "casters_order(area, kind)\n--\n\n"
+                                "(t,) numbers of casters, kind by kind, of each the largest first, "
+                                "equal ones in order; kind as from casters_first.");
+
+static PyObject *casters_order(PyObject *module, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"area", "kind", NULL};
+    PyObject *area_object, *kind_object;
+    PyArrayObject *area = NULL, *kind = NULL, *out = NULL;
+    csm_error err = {0};
+    csm_status status = CSM_OK;
+    int kinds;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OO:casters_order", names, &area_object,
+                                     &kind_object)) {
+        return NULL;
+    }
+    if ((area = csm_py_rows(area_object, "area", NPY_DOUBLE, 0)) &&
+        (kind = csm_py_counted_rows(kind_object, "kind", NPY_INT, 0, PyArray_DIM(area, 0))) &&
+        parse_kinds(PyArray_DATA(kind), PyArray_DIM(kind, 0), &kinds) &&
+        (out = new_numbers(PyArray_DIM(area, 0), NPY_INT64))) {
+        const size_t count = (size_t)PyArray_DIM(area, 0);
+        const double *areas = PyArray_DATA(area);
+        const int *of = PyArray_DATA(kind);
+        int64_t *order = PyArray_DATA(out);
+        Py_BEGIN_ALLOW_THREADS
+        status = csm_casters_order(count, areas, of, kinds, order, &err);
+        Py_END_ALLOW_THREADS
+    }
+    Py_XDECREF(area);
+    Py_XDECREF(kind);
+    if (status != CSM_OK) {
+        Py_DECREF(out);
+        return csm_py_raise(module, &err);
+    }
+    return (PyObject *)out;
+}
+
 #define METHOD(name)                                                                               \
     { #name, (PyCFunction)(void (*)(void))name, METH_VARARGS | METH_KEYWORDS, name##_doc }
 
 PyMethodDef csm_py_forecast_methods[] = {
-    METHOD(arrange),
-    METHOD(casters_load),
-    METHOD(casters_first),
-    {NULL, NULL, 0, NULL},
+    METHOD(arrange),       METHOD(casters_load),  METHOD(casters_first),
+    METHOD(casters_order), {NULL, NULL, 0, NULL},
 };
