@@ -19,7 +19,8 @@ __all__ = [
 def positions_of(camera, view_depth, rows, columns):
     """World points (m, 3) of pixels."""
     x, y = camera.pixel_plane()
-    across = x[columns, None] * camera.right + y[rows, None] * camera.up
+    x, y = x.take(columns)[:, None], y.take(rows)[:, None]
+    across = x * camera.right + y * camera.up
     depth = view_depth[rows, columns].astype(np.float64)[:, None]
     if camera.orthographic:
         return camera.eye + across - depth * camera.backward

@@ -351,9 +351,10 @@ def _look(renderer, scene, camera, sun, spent):
         pictures.append((part, fine.view_depth, _facing(fine, sun)))
     outline = outline_of(pictures, ends, axes)
     stride = max(1, -(-count // RECEIVERS))
-    rows, columns = np.divmod(np.flatnonzero(facing)[::stride], facing.shape[1])
+    places = np.flatnonzero(facing)[::stride]
+    rows, columns = np.divmod(places, facing.shape[1])
     receivers = positions_of(small, frame.view_depth, rows, columns)
-    normals = frame.normal[rows, columns].astype(np.float64)
+    normals = frame.normal.reshape(-1, 3).take(places, axis=0).astype(np.float64)
     cosine = np.clip(normals @ sun.to_light, FACING, 1.0)
     in_light = np.abs(normals @ frame.cascades.light_from_world[0][:2, :3].T)
     edges = edges_of(small, frame, judged, lit, shrink)
@@ -367,9 +368,9 @@ def _look(renderer, scene, camera, sun, spent):
         shadowed_count=int(np.count_nonzero(judged & ~lit)),
         receivers=frozen(receivers),
         outline=frozen(outline),
-        receiver_depths=frozen(frame.view_depth[rows, columns].astype(np.float64)),
+        receiver_depths=frozen(frame.view_depth.ravel().take(places).astype(np.float64)),
         slopes=frozen(np.sqrt(1.0 / cosine**2 - 1.0)),
-        gradients=frozen(in_light.sum(axis=1) / cosine),
+        gradients=frozen((in_light[:, 0] + in_light[:, 1]) / cosine),
         gaps=frozen(gaps_of(frame, receivers, rows, columns)),
         edges=frozen(edges["point"]),
         edge_normals=frozen(edges["normal"]),
@@ -409,7 +410,7 @@ def _summary(scene, views, cameras, suns, sides, spent):
     low, high = (depths.min(), depths.max()) if len(depths) else (1.0, 1.0)
     bins = np.geomspace(low, max(high, low * (1.0 + 1e-9)), DEPTH_BINS + 1)
     counts = np.histogram(np.clip(depths, bins[0], bins[-1]), bins)[0] / max(len(depths), 1)
-    near, far = np.percentile(depths, (1, 99)) if len(depths) else (1.0, 1.0)
+    near, far = _percentiles(depths, (1, 99)) if len(depths) else (1.0, 1.0)
     penumbra = np.concatenate([view.penumbra_widths() for view in views])
     one = PROBE.replace(fit="sphere", cascade_count=1)
     fitted = [fit_cascades(view.camera, view.sun, one, scene=scene) for view in views]
@@ -465,4 +466,13 @@ def _coarse_size(view):
 
 
 def _percentiles(values, at):
-    return np.percentile(values, at) if len(values) else np.zeros(len(at))
+    """What ``np.percentile`` gives, which takes several times as long to begin; 0 of none."""
+    if not len(values):
+        return np.zeros(len(at))
+    place = np.array(at) / 100.0 * (len(values) - 1)
+    below = place.astype(int)
+    above = np.minimum(below + 1, len(values) - 1)
+    ordered = np.partition(values, np.concatenate([below, above]))
+    low, high, part = ordered[below], ordered[above], place - below
+    # from the nearer of both, as there
+    return np.where(part < 0.5, low + (high - low) * part, high - (high - low) * (1.0 - part))
