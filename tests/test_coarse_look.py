@@ -154,6 +154,24 @@ def test_outline_by_hand(size, orthographic):
     assert outline_of(dark, points[:0], axes).shape == (0, 3)
 
 
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_outline_of_a_plane_by_hand(orthographic):
+    """Most blocks of its pixels lie within what others reach to; blocks are cut off at the border,
+    and points go on from pixels."""
+    size = width, height = 139, 75
+    camera = camera_of(size, orthographic)
+    axes = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0][:2]
+    below = np.arange(1, height + 1)[:, None] + 0.1 * np.arange(width)
+    depths = (70.0 / below if not orthographic else 90.0 - below).astype(np.float32)
+    depths[20:24, 30:60] *= 0.5  # something stands before it
+    facing = below > 3.0
+    points = [pixel_point(camera, depths, 60, column) for column in range(width)]
+    points.append(1.01 * points[70])
+    kept = outline_of([(camera, depths, facing)], np.array(points), axes)
+    expected = by_row(outline_by_hand([(camera, depths, facing)], np.array(points), axes))
+    assert by_row(kept) == pytest.approx(expected, rel=1e-12)
+
+
 # -- ends of planes --------------------------------------------------------------------------------
 
 
