@@ -145,6 +145,35 @@ def test_a_thousand_instances_are_stored_once(renderer):
     assert_same_bits(frame, baked)
 
 
+def many_kinds(count):
+    """Meshes of their own, two of each: a command for every one of them in every pass."""
+    rng = np.random.default_rng(7)
+    places = rng.integers(-60, 60, (count, 2, 2)) * 0.25
+    places[:, 1] += 0.125  # no two of a mesh at one place
+    sides = rng.integers(1, 9, (50, 3)) * 0.0625
+    meshes = ([csm.Mesh(*box((0, 0, 0), side)) for side in sides] * (count // 50 + 1))[:count]
+    transforms = placed(*((np.eye(3), (x, 0, z)) for x, z in places.reshape(-1, 2)))
+    numbers = np.concatenate([[0], 1 + np.arange(2 * count) // 2])
+    return csm.Scene([GROUND, *meshes], numbers, np.concatenate([np.eye(4)[None], transforms]))
+
+
+def test_frames_of_few_draws_and_of_many_follow_one_another(fresh_renderer):
+    """What a pass draws lies behind what those before it do, in buffers that grow in a frame's
+    middle, and from 128 KiB, 6553 draws of 20 bytes, grow for a single pass alone."""
+    renderer, baked_in = fresh_renderer(), fresh_renderer()
+    few, some, many, most = (many_kinds(count) for count in (3, 400, 7_000, 13_000))
+    live = []
+    for scene in (few, some, many, most, some, few):
+        frame = renderer.render(scene, CAMERA, SUN, SETTINGS, outputs=OUTPUTS)
+        baked = baked_in.render(flat(scene), CAMERA, SUN, SETTINGS, outputs=OUTPUTS)
+        assert_same_bits(frame, baked)
+        assert frame.info["triangles_drawn"] == [scene.triangle_count] * 2
+        info = renderer.info
+        live.append(info["live_objects"] - info["programs_compiled"])
+    a_scene = live[1] - live[0]
+    assert live == [live[0] + a_scene * scenes for scenes in (0, 1, 2, 3, 3, 3)]
+
+
 def test_a_mesh_that_occurs_once_costs_no_instance(renderer):
     alone = csm.Scene([GROUND, post()], world_from_instance=[np.eye(4), TRANSFORMS["turned"][0]])
     frame = renderer.render(alone, CAMERA, SUN, SETTINGS, outputs=OUTPUTS)

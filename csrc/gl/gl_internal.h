@@ -156,10 +156,17 @@ struct csm_gpu_scene {
     struct csm_gpu_scene *next;
 };
 
+/* What the passes of a frame draw, one behind the other: made once, and larger where it must be. */
+typedef struct csm_draw_buffer {
+    GLuint name;
+    GLsizeiptr size, used;
+} csm_draw_buffer;
+
 /* What one pass draws: commands in a buffer; the row of each drawn instance, if the scene has any.
  */
 typedef struct csm_draw_list {
-    GLuint commands, instances;
+    csm_draw_buffer commands, instances;
+    GLintptr first_command, first_instance; /* of this pass [bytes] */
     GLsizei command_count;
     GLsizei solid_count;                    /* commands before the first of a mesh with a cut-out */
     struct csm_draw_command *host_commands; /* the same, to cut batches by */
@@ -333,6 +340,8 @@ void csm_buffer_drop(csm_renderer *renderer, GLuint *name);
 csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geometry,
                               const double origin[3], csm_gpu_scene **out, csm_error *err);
 void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene);
+/* Before the first list of a frame. */
+void csm_draw_list_begin(csm_renderer *renderer, const csm_gpu_scene *scene);
 csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene,
                               const uint32_t *items, size_t item_count, csm_error *err);
 csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene,

@@ -19,6 +19,10 @@ typedef struct csm_draw_command {
 /* Longest merged command, so that batches can be cut between commands. */
 #define COMMAND_INDICES (3u << 18)
 
+/* Of a buffer of draws: as it is made, and where it grows no further for a frame's sake. */
+#define LEAST_DRAW_BYTES (1 << 12)
+#define PLENTY_DRAW_BYTES (1 << 17)
+
 enum { ATTRIBUTE_POSITION, ATTRIBUTE_INSTANCE, ATTRIBUTE_TEXELS, ATTRIBUTE_CUTOUT };
 enum { BINDING_POSITION, BINDING_INSTANCE, BINDING_CUTOUT };
 
@@ -234,10 +238,50 @@ static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_
     }
 }
 
+/* Where the data lies in the buffer. A pass writes behind what those before it may still read; only
+ * lists that are long for a whole frame are written over them, which the driver has to put in
+ * order. A buffer that is replaced lives on until its draws are done. */
+static GLintptr put(csm_renderer *renderer, csm_draw_buffer *buffer, const char *label,
+                    const void *data, GLsizeiptr bytes) {
+    if (buffer->size - buffer->used < bytes) {
+        buffer->used = 0;
+        if (buffer->size < bytes || buffer->size < PLENTY_DRAW_BYTES) {
+            GLsizeiptr size = buffer->size ? 2 * buffer->size : LEAST_DRAW_BYTES;
+            size = size < bytes ? bytes : size;
+            csm_buffer_drop(renderer, &buffer->name);
+            buffer->name = csm_buffer_make(renderer, label, size, NULL, GL_DYNAMIC_STORAGE_BIT);
+            buffer->size = size;
+        }
+    }
+    const GLintptr first = buffer->used;
+    renderer->gl.NamedBufferSubData(buffer->name, first, bytes, data);
+    buffer->used += bytes;
+    return first;
+}
+
+static void drop_draw_buffer(csm_renderer *renderer, csm_draw_buffer *buffer) {
+    csm_buffer_drop(renderer, &buffer->name);
+    memset(buffer, 0, sizeof *buffer);
+}
+
+void csm_draw_list_begin(csm_renderer *renderer, const csm_gpu_scene *scene) {
+    csm_draw_list *list = &renderer->draws;
+    list->commands.used = list->instances.used = 0;
+    if (scene->geometry.instance_count <= 1) {
+        drop_draw_buffer(renderer, &list->instances);
+    }
+}
+
+/* The list is empty; its buffers stay. */
+static void clear(csm_draw_list *list) {
+    free(list->host_commands);
+    *list = (csm_draw_list){.commands = list->commands, .instances = list->instances};
+}
+
 csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene,
                               const uint32_t *items, size_t item_count, csm_error *err) {
     csm_draw_list *list = &renderer->draws;
-    csm_draw_list_drop(renderer);
+    clear(list);
     if (!item_count) {
         return CSM_OK;
     }
@@ -247,13 +291,11 @@ csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene
     if (commands && instances) {
         list->item_count = (int)item_count;
         write_draws(scene, items, item_count, commands, instances, list);
-        list->commands =
-            csm_buffer_make(renderer, "draw commands",
-                            list->command_count * (GLsizeiptr)sizeof *commands, commands, 0);
+        list->first_command = put(renderer, &list->commands, "draw commands", commands,
+                                  list->command_count * (GLsizeiptr)sizeof *commands);
         if (scene->geometry.instance_count > 1) {
-            list->instances =
-                csm_buffer_make(renderer, "drawn instances",
-                                (GLsizeiptr)(item_count * sizeof *instances), instances, 0);
+            list->first_instance = put(renderer, &list->instances, "drawn instances", instances,
+                                       (GLsizeiptr)(item_count * sizeof *instances));
         }
     } else {
         status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to draw %zu chunks", item_count);
@@ -272,12 +314,12 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene,
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     csm_draw_list *list = &renderer->draws;
-    if (list->instances) {
-        gl->VertexArrayVertexBuffer(scene->vertex_array, BINDING_INSTANCE, list->instances, 0,
-                                    sizeof(GLuint));
+    if (list->instances.name) {
+        gl->VertexArrayVertexBuffer(scene->vertex_array, BINDING_INSTANCE, list->instances.name,
+                                    list->first_instance, sizeof(GLuint));
     }
     gl->BindVertexArray(scene->vertex_array);
-    gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, list->commands);
+    gl->BindBuffer(GL_DRAW_INDIRECT_BUFFER, list->commands.name);
     gl->BindBufferBase(GL_SHADER_STORAGE_BUFFER, 0, scene->instances);
     if (scene->cutout_texture) {
         gl->BindTextureUnit(UNIT_CUTOUTS, scene->cutout_texture);
@@ -297,7 +339,8 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene,
         }
         gl->UseProgram(programs[solid ? 0 : 1]);
         gl->MultiDrawElementsIndirect(GL_TRIANGLES, GL_UNSIGNED_INT,
-                                      (const char *)NULL + (size_t)first * sizeof(draw_command),
+                                      (const char *)NULL + list->first_command +
+                                          (size_t)first * sizeof(draw_command),
                                       count, 0);
         first += count;
     }
@@ -305,8 +348,7 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene,
 }
 
 void csm_draw_list_drop(csm_renderer *renderer) {
-    csm_buffer_drop(renderer, &renderer->draws.commands);
-    csm_buffer_drop(renderer, &renderer->draws.instances);
-    free(renderer->draws.host_commands);
-    memset(&renderer->draws, 0, sizeof renderer->draws);
+    clear(&renderer->draws);
+    drop_draw_buffer(renderer, &renderer->draws.commands);
+    drop_draw_buffer(renderer, &renderer->draws.instances);
 }

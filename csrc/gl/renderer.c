@@ -71,6 +71,9 @@ static void read_info(csm_renderer *renderer) {
     copy_string(gl, GL_SHADING_LANGUAGE_VERSION, info->glsl, sizeof info->glsl);
     info->software = strstr(info->renderer, "llvmpipe") || strstr(info->renderer, "softpipe") ||
                      strstr(info->renderer, "swrast") || strstr(info->renderer, "Software");
+    if (getenv("CSM_THROWAWAY_HW")) {
+        info->software = false;
+    }
     gl->GetIntegerv(GL_MAX_TEXTURE_SIZE, &info->max_texture_size);
     gl->GetIntegerv(GL_MAX_CUBE_MAP_TEXTURE_SIZE, &info->max_cube_size);
     gl->GetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &info->max_layers);
@@ -533,6 +536,7 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
         renderer->buffers[kind].used = 0; /* an interrupted frame leaves them set */
     }
     renderer->last.done = false;
+    csm_draw_list_begin(renderer, frame->desc->scene);
     csm_buffer_drop(renderer, &renderer->warp_uniforms);
     csm_status status = csm_targets_fit(renderer, &frame->plan, err);
     if (status != CSM_OK) {
@@ -632,6 +636,9 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
     if (status != CSM_OK) {
         csm_kept_forget(renderer); /* moments may not be those of their map */
         csm_kept_forget_view(renderer);
+    }
+    if (status == CSM_ERROR_OUT_OF_MEMORY) {
+        csm_draw_list_drop(renderer); /* its buffers may have a size and no memory */
     }
     csm_renderer_leave(renderer, &saved);
     return status;

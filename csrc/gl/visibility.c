@@ -26,6 +26,7 @@ static csm_status check_last(const csm_renderer *renderer, csm_error *err) {
 /* Casters that the picture did not need, and what is made of the maps. */
 static csm_status draw_whole(csm_frame *frame, csm_error *err) {
     csm_status status = csm_targets_fit(frame->renderer, &frame->plan, err);
+    csm_draw_list_begin(frame->renderer, frame->desc->scene);
     for (int i = 0; i < frame->plan.step_count && status == CSM_OK; i++) {
         const csm_plan_step *step = &frame->plan.steps[i];
         if (step->pass < CSM_STEP_SHADOW_MAP || step->pass > CSM_STEP_SHADOW_MIPS) {
@@ -105,6 +106,9 @@ csm_status csm_renderer_visibility(csm_renderer *renderer, const csm_visibility_
     csm_status status = csm_renderer_enter(renderer, &saved, err);
     if (status == CSM_OK) {
         status = visibility_bound(renderer, desc, &out, err);
+        if (status == CSM_ERROR_OUT_OF_MEMORY) {
+            csm_draw_list_drop(renderer); /* as after a frame */
+        }
         csm_renderer_leave(renderer, &saved);
     }
     return status;
