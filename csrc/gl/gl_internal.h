@@ -112,7 +112,7 @@ typedef struct csm_target {
     GLuint texture;
 } csm_target;
 
-/* Buffers the compute passes write and the host reads, one per kind of output. */
+/* Buffers the passes write, or maps are read into, and the host reads: one per kind of output. */
 enum {
     CSM_BUFFER_MASK,
     CSM_BUFFER_INDEX, /* cascade index in bits 0 to 7, valid in bit 8 */
@@ -122,12 +122,13 @@ enum {
     CSM_BUFFER_RECEIVER_BOUNDS,
     CSM_BUFFER_RECEIVER_RANGE,
     CSM_BUFFER_MASK_SINGLE,
+    CSM_BUFFER_MAPS,
     CSM_BUFFER_COUNT
 };
 
 typedef struct csm_host_buffer {
     GLuint name; /* what passes write */
-    GLuint host; /* what is mapped; the same buffer on software GL */
+    GLuint host; /* what is mapped; the same buffer on software GL, and of maps */
     GLsizeiptr size;
     GLsizeiptr used; /* of this frame */
     const void *mapped;

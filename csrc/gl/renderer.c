@@ -12,6 +12,8 @@
 
 #define FACING_LIMIT 1e-5 /* receiver.glsl */
 
+#define MAPS_AT_ONCE_BYTES ((size_t)64 << 20) /* four maps of 2048 x 2048 */
+
 /* -- entering and leaving -------------------------------------------------------------------------
  */
 
@@ -71,6 +73,9 @@ static void read_info(csm_renderer *renderer) {
     copy_string(gl, GL_SHADING_LANGUAGE_VERSION, info->glsl, sizeof info->glsl);
     info->software = strstr(info->renderer, "llvmpipe") || strstr(info->renderer, "softpipe") ||
                      strstr(info->renderer, "swrast") || strstr(info->renderer, "Software");
+    if (getenv("CSM_THROWAWAY_HW")) {
+        info->software = false;
+    }
     if (getenv("CSM_THROWAWAY_HW")) {
         info->software = false;
     }
@@ -353,16 +358,60 @@ csm_status csm_frame_run_step(csm_frame *frame, const csm_plan_step *step, csm_e
     return status == CSM_OK ? csm_debug_check(renderer, name, err) : status;
 }
 
-static void read_maps(csm_frame *frame) {
+/* Where to: memory, or a place in the buffer that is bound for it. */
+static void read_map(csm_frame *frame, int cascade, void *to) {
+    const GladGLContext *gl = &frame->renderer->gl;
+    const csm_place place = csm_map_attach(frame, cascade);
+    gl->BindFramebuffer(GL_READ_FRAMEBUFFER, frame->renderer->map_framebuffer);
+    gl->ReadPixels(place.x, place.y, place.size, place.size, GL_DEPTH_COMPONENT, GL_FLOAT, to);
+}
+
+static size_t map_texels(const csm_frame *frame, int cascade) {
+    return (size_t)frame->places[cascade].size * (size_t)frame->places[cascade].size;
+}
+
+/* Bytes of all maps, where they are read with whatever else comes back: into memory of the caller
+ * each waits for the GPU. Software GL has nothing to wait for, and a copy would cost; of large maps
+ * the wait is little beside the way, and pinned memory is dear. */
+static size_t bytes_at_once(const csm_frame *frame) {
+    size_t texels = 0;
+    for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
+        texels += map_texels(frame, i);
+    }
+    const size_t bytes = texels * sizeof(float);
+    const bool wanted = frame->out->shadow_maps[0] && !frame->renderer->info.software;
+    return wanted && bytes <= MAPS_AT_ONCE_BYTES ? bytes : 0;
+}
+
+static csm_status queue_maps(csm_frame *frame, size_t bytes, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    const bool reversed = frame->settings.effects[CSM_EFFECT_REVERSED_DEPTH];
+    csm_status status = csm_host_buffer_fit(renderer, CSM_BUFFER_MAPS, bytes, err);
+    if (status != CSM_OK) {
+        return status;
+    }
+    gl->BindBuffer(GL_PIXEL_PACK_BUFFER, renderer->buffers[CSM_BUFFER_MAPS].host);
+    size_t before = 0;
     for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
-        const csm_place place = csm_map_attach(frame, i);
+        read_map(frame, i, (void *)(uintptr_t)(before * sizeof(float)));
+        before += map_texels(frame, i);
+    }
+    gl->BindBuffer(GL_PIXEL_PACK_BUFFER, 0); /* moments are read into memory */
+    return CSM_OK;
+}
+
+static void read_maps(csm_frame *frame, bool queued) {
+    const bool reversed = frame->settings.effects[CSM_EFFECT_REVERSED_DEPTH];
+    const float *mapped = frame->renderer->buffers[CSM_BUFFER_MAPS].mapped;
+    for (int i = 0; i < frame->settings.effects[CSM_EFFECT_CASCADE_COUNT]; i++) {
         float *out = frame->out->shadow_maps[i];
-        gl->BindFramebuffer(GL_READ_FRAMEBUFFER, renderer->map_framebuffer);
-        gl->ReadPixels(place.x, place.y, place.size, place.size, GL_DEPTH_COMPONENT, GL_FLOAT, out);
-        const size_t texels = (size_t)place.size * (size_t)place.size;
+        const size_t texels = map_texels(frame, i);
+        if (queued) {
+            memcpy(out, mapped, texels * sizeof *out);
+            mapped += texels;
+        } else {
+            read_map(frame, i, out);
+        }
         for (size_t t = 0; reversed && t < texels; t++) {
             out[t] = 1.0f - out[t];
         }
@@ -410,6 +459,11 @@ static csm_status read_back(csm_frame *frame, csm_error *err) {
     const csm_render_desc *desc = frame->desc;
     size_t pixels = (size_t)desc->camera.width * (size_t)desc->camera.height;
     double start = csm_clock_ms();
+    const size_t queued = bytes_at_once(frame);
+    csm_status status = queued ? queue_maps(frame, queued, err) : CSM_OK;
+    if (status != CSM_OK) {
+        return status;
+    }
     csm_host_buffers_fetch(frame->renderer);
     csm_timers_read(frame);
     copy_mapped(frame, CSM_BUFFER_MASK, out->mask, pixels * sizeof(float));
@@ -424,9 +478,8 @@ static csm_status read_back(csm_frame *frame, csm_error *err) {
         out->valid[i] = packed[i] >> 8 & 1u;
     }
     if (out->shadow_maps[0]) {
-        read_maps(frame);
+        read_maps(frame, queued > 0);
     }
-    csm_status status = CSM_OK;
     const int count = frame->settings.effects[CSM_EFFECT_CASCADE_COUNT];
     for (int i = 0; i < count && out->moments[i] && status == CSM_OK; i++) {
         status = csm_moments_read(frame, i, out->moments[i], err);

@@ -189,12 +189,12 @@ void csm_buffer_drop(csm_renderer *renderer, GLuint *name) {
 
 /* On software GL the passes write the mapped buffer itself, the driver's own memory. On hardware
  * they write device memory and csm_host_buffers_fetch copies over the bus at once: a shader's own
- * scattered writes across it cost ten times the pass. A smaller frame uses the front of a larger
- * buffer. */
+ * scattered writes across it cost ten times the pass. Maps are read into host memory by the copy
+ * engine, not by a shader. A smaller frame uses the front of a larger buffer. */
 csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, csm_error *err) {
     static const char *const labels[CSM_BUFFER_COUNT] = {
-        "mask",   "cascade_index",   "view_depth",     "normal",
-        "points", "receiver_bounds", "receiver_range", "mask_single"};
+        "mask",           "cascade_index", "view_depth", "normal", "points", "receiver_bounds",
+        "receiver_range", "mask_single",   "shadow_maps"};
     csm_host_buffer *buffer = &renderer->buffers[kind];
     const GLbitfield flags = GL_MAP_READ_BIT | GL_MAP_PERSISTENT_BIT;
     if (buffer->size >= (GLsizeiptr)size) {
@@ -214,7 +214,7 @@ csm_status csm_host_buffer_fit(csm_renderer *renderer, int kind, size_t size, cs
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu bytes of %s", size,
                         labels[kind]);
     }
-    buffer->name = renderer->info.software
+    buffer->name = renderer->info.software || kind == CSM_BUFFER_MAPS
                        ? buffer->host
                        : csm_buffer_make(renderer, labels[kind], (GLsizeiptr)size, NULL, 0);
     csm_status status = csm_debug_check(renderer, labels[kind], err);
