@@ -1,6 +1,7 @@
 """What a render gives back: arrays, matrices, times."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -95,7 +96,20 @@ class Frame:
         self.sun = sun
         self.settings = settings
         self.timings_ms = timings_ms
-        self.info = info
+        if callable(info):
+            self._make_info = info
+        else:
+            self.info = info
+
+    @cached_property
+    def info(self):
+        """What else is known of the render, made when it is first read: see the class."""
+        return self._make_info()
+
+    def __getstate__(self):
+        state = {**self.__dict__, "info": self.info}
+        state.pop("_make_info", None)
+        return state
 
     def __getattr__(self, name):
         if name.startswith("_"):
@@ -145,7 +159,7 @@ def array_shapes(camera, settings, outputs, point_count):
     width, height = camera.size
     image = (height, width)
     sizes = map_sizes(settings)
-    numbers = _core.moment_numbers(settings)
+    numbers = _core.moment_numbers(settings) if "moments" in outputs else 0
     every = {
         "mask": (image, np.float32),
         "mask_single": (image, np.float32),

@@ -8,6 +8,7 @@ import threading
 import warnings
 import weakref
 from contextlib import contextmanager
+from functools import partial
 from importlib import resources
 
 import numpy as np
@@ -30,6 +31,8 @@ log = logging.getLogger("csm.gl")
 NVIDIA_RECOMPILED = 131218
 
 INSTALL_HINT = "install libegl1 and libgl1-mesa-dri, or libosmesa6"
+
+DRIVER_FACTS = ("backend", "platform", "vendor", "renderer", "version", "software", "stage")
 
 REUSE = ("never", "same", "scrolled")  # as CSM_REUSE_MAPS_* in csm.h
 
@@ -111,6 +114,7 @@ class Renderer:
         check_stage(stage)
         self._core = _open(backend, bool(debug), _shader_folder(shader_dir), stage)
         self._info = self._core.describe()
+        self._driver = {name: self._info[name] for name in DRIVER_FACTS}  # for infos of frames
         _alive.add(self)
 
     # -- life --------------------------------------------------------------------------------------
@@ -333,7 +337,7 @@ class Renderer:
             sun=sun,
             settings=settings,
             timings_ms=result["lists"]["timings_ms"],
-            info=self._frame_info(result, settings, camera, cascades),
+            info=partial(_frame_info, self._driver, result, settings, camera, cascades),
             points=points,
             point_normals=point_normals,
         )
@@ -414,28 +418,6 @@ class Renderer:
                     f"GL_MAX_SHADER_STORAGE_BLOCK_SIZE {limit}"
                 )
 
-    def _frame_info(self, result, settings, camera, cascades):
-        driver = ("backend", "platform", "vendor", "renderer", "version", "software", "stage")
-        lists = result["lists"]
-        return {
-            **{name: self._info[name] for name in driver},
-            "clock": result["clock"],
-            "size": list(camera.size),
-            "map_size": [int(size) for size in cascades.map_size],
-            "settings": settings.canonical().to_dict(),
-            "bias": bias_metres(cascades, settings),
-            "bytes": result["bytes"],
-            "scene_bytes": result["scene_bytes"],
-            "programs_compiled": result["programs_compiled"],
-            "chunks": result["chunks"],
-            "chunks_viewed": result["chunks_viewed"],
-            "chunks_drawn": lists["chunks_drawn"],
-            "chunks_culled": [result["chunks"] - drawn for drawn in lists["chunks_drawn"]],
-            "chunks_culled_exclusive": lists["chunks_in_finer"],
-            "triangles_drawn": lists["triangles_drawn"],
-            **{name: _map_reuse(lists[name]) for name in ("reuse",) if name in lists},
-        }
-
     def _uploaded(self, core, scene):
         known = self._scenes.get(id(scene))
         if known is not None:
@@ -466,14 +448,17 @@ class Renderer:
         reference, last, wanted, cascades = held
         same = (
             reference() is scene
-            and wanted == settings
             and last.near == camera.near
             and last.size == camera.size
+            and (wanted is settings or wanted == settings)
         )
-        moved = np.linalg.norm(camera.eye - last.eye)
+        if not same:
+            return None
+        step = camera.eye - last.eye
+        moved = math.sqrt(step @ step)
         turned = float(camera.backward @ last.backward)
         near_enough = moved <= HELD_STEP_SHARE * cascades.splits[-1] and turned >= HELD_TURN_COSINE
-        return cascades.hold if same and near_enough else None
+        return cascades.hold if near_enough else None
 
     def _tell_messages(self, core):
         for number, severity, text in core.messages():
@@ -482,6 +467,28 @@ class Renderer:
             elif number not in self._warned:
                 self._warned.add(number)
                 warnings.warn(text, GLWarning, stacklevel=3)
+
+
+def _frame_info(driver, result, settings, camera, cascades):
+    lists = result["lists"]
+    return {
+        **driver,
+        "clock": result["clock"],
+        "size": list(camera.size),
+        "map_size": [int(size) for size in cascades.map_size],
+        "settings": settings.canonical().to_dict(),
+        "bias": bias_metres(cascades, settings),
+        "bytes": result["bytes"],
+        "scene_bytes": result["scene_bytes"],
+        "programs_compiled": result["programs_compiled"],
+        "chunks": result["chunks"],
+        "chunks_viewed": result["chunks_viewed"],
+        "chunks_drawn": lists["chunks_drawn"],
+        "chunks_culled": [result["chunks"] - drawn for drawn in lists["chunks_drawn"]],
+        "chunks_culled_exclusive": lists["chunks_in_finer"],
+        "triangles_drawn": lists["triangles_drawn"],
+        **{name: _map_reuse(lists[name]) for name in ("reuse",) if name in lists},
+    }
 
 
 def _map_reuse(rows):

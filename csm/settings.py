@@ -458,7 +458,12 @@ class ShadowSettings(Recorded):
         values = _core.canonical_settings(self)
         sizes = tuple(int(size) for size in values["map_size"])
         values["map_size"] = sizes[0] if len(set(sizes)) == 1 else sizes
-        return ShadowSettings(**values)
+        for name in ("manual_splits", "manual_depth_range"):
+            values[name] = tuple(values[name])
+        other = object.__new__(ShadowSettings)
+        # of the core: as it takes valid settings, so it gives them
+        other.__dict__.update({name: values[name] for name in _KINDS})
+        return other
 
 
 def draw_alike(one, other):

@@ -270,6 +270,22 @@ def test_cascades_are_those_of_fit_cascades(renderer, scene):
             assert np.array_equal(getattr(frame.cascades, name), getattr(alone, name))
 
 
+def test_the_info_of_a_frame_is_of_its_own_render(fresh_renderer, scene):
+    """However late it is first read, and one dict from then on, which `Director` writes into."""
+    one, other = fresh_renderer(), fresh_renderer()
+    camera = small_scenes.camera()
+    early = draw(one, scene, camera, reuse="same").info
+    late, reused = (draw(other, scene, camera, reuse="same") for _ in range(2))
+    other.render(scene, small_scenes.camera(1), SUN, BASE.replace(cascade_count=2, filter="pcf"))
+    other.close()
+    assert late.info == early
+    for frame, action in ((late, "draw"), (reused, "keep")):
+        assert {one["action"] for one in frame.info["reuse"]} == {action}
+    late.info["more"] = 1
+    assert late.info["more"] == 1
+    assert pickle.loads(pickle.dumps(late)).info == late.info
+
+
 def test_frames_pickle(renderer, scene):
     frame = draw(renderer, scene, small_scenes.camera(), points=np.zeros((5, 3)))
     copy = pickle.loads(pickle.dumps(frame))

@@ -266,6 +266,9 @@ def test_what_has_no_meaning_is_at_its_default(given_, canonical):
 def test_canonical_form_is_its_own_and_means_the_same(settings):
     canonical = settings.canonical()
     assert canonical.canonical() == canonical
+    checked = csm.ShadowSettings(**canonical.to_dict())  # every field is as a check leaves it
+    assert list(vars(checked).items()) == list(vars(canonical).items())
+    assert list(map(type, vars(checked).values())) == list(map(type, vars(canonical).values()))
     # same passes, textures, programs; the same bias
     assert csm.plan(canonical, size=(8, 8)) == csm.plan(settings, size=(8, 8))
     assert _core.bias_terms(canonical) == _core.bias_terms(settings)
