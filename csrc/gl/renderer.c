@@ -73,12 +73,6 @@ static void read_info(csm_renderer *renderer) {
     copy_string(gl, GL_SHADING_LANGUAGE_VERSION, info->glsl, sizeof info->glsl);
     info->software = strstr(info->renderer, "llvmpipe") || strstr(info->renderer, "softpipe") ||
                      strstr(info->renderer, "swrast") || strstr(info->renderer, "Software");
-    if (getenv("CSM_THROWAWAY_HW")) {
-        info->software = false;
-    }
-    if (getenv("CSM_THROWAWAY_HW")) {
-        info->software = false;
-    }
     gl->GetIntegerv(GL_MAX_TEXTURE_SIZE, &info->max_texture_size);
     gl->GetIntegerv(GL_MAX_CUBE_MAP_TEXTURE_SIZE, &info->max_cube_size);
     gl->GetIntegerv(GL_MAX_ARRAY_TEXTURE_LAYERS, &info->max_layers);
