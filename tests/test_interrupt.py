@@ -46,10 +46,10 @@ print(whole, *(interrupted(share * whole) for share in (0.1, 0.15, 0.05)))
 start = time.perf_counter()
 after = renderer.render(scene, camera, sun, settings)
 took_ms = 1e3 * (time.perf_counter() - start)
-# each pass has its time, and of this frame; on some clocks passes overlap
+# each pass has its time, and of this frame
 assert list(after.timings_ms) == list(before.timings_ms)
 times = after.timings_ms.values()
-assert 0 <= min(times) and 0 < max(times) <= took_ms, (after.timings_ms, took_ms)
+assert 0 <= min(times) and sum(times) <= took_ms, (after.timings_ms, took_ms)
 for name in ("mask", "valid", "view_depth", "cascade_index", "shadow_maps"):
     assert getattr(after, name).tobytes() == getattr(before, name).tobytes(), name
 assert not [m for m in renderer._core.messages() if m[1] in ("high", "medium")]

@@ -139,7 +139,7 @@ typedef struct csm_host_buffer {
 
 typedef struct csm_timer {
     bool queries; /* timer queries on hardware, wall clock around glFinish on software */
-    GLuint names[CSM_MAX_TIMINGS]; /* of the queries: one for each timing of a frame */
+    GLuint query;
     double start_ms;
 } csm_timer;
 
@@ -356,14 +356,8 @@ void csm_frame_write_cascades(csm_frame *frame);
 void csm_frame_write_warps(const csm_frame *frame, csm_warp_uniforms *out);
 
 /* timer.c */
-void csm_timers_make(csm_renderer *renderer);
-void csm_timers_drop(csm_renderer *renderer);
-/* Every start is followed by its stop, also where the pass failed or was interrupted. */
-void csm_timer_start(csm_frame *frame);
-void csm_timer_stop(csm_frame *frame, const char *name);
-/* Once the GPU is done, and before a timing that is not a pass's is added: what queries say. */
-void csm_timers_read(csm_frame *frame);
-void csm_timing_add(csm_render_out *out, const char *name, double elapsed_ms);
+void csm_timer_start(csm_renderer *renderer);
+void csm_timer_stop(csm_renderer *renderer, csm_render_out *out, const char *name);
 double csm_clock_ms(void);
 
 /* What a fit reads of the frame; settings is where its choices are kept. */

@@ -135,8 +135,9 @@ static csm_status set_up(csm_renderer *renderer, csm_error *err) {
     make_samplers(renderer);
     gl->CreateVertexArrays(1, &renderer->no_vertices);
     csm_debug_label(renderer, GL_VERTEX_ARRAY, renderer->no_vertices, "no vertices");
-    renderer->info.live_objects++;
-    csm_timers_make(renderer);
+    gl->CreateQueries(GL_TIME_ELAPSED, 1, &renderer->timer.query);
+    renderer->timer.queries = !renderer->info.software;
+    renderer->info.live_objects += 2;
     renderer->frame_uniforms = csm_buffer_make(renderer, "frame", sizeof(csm_frame_uniforms), NULL,
                                                GL_DYNAMIC_STORAGE_BIT);
     return csm_debug_check(renderer, "set-up", err);
@@ -161,7 +162,7 @@ static void tear_down(csm_renderer *renderer) {
     gl->DeleteSamplers(1, &renderer->compare_sampler);
     gl->DeleteSamplers(1, &renderer->moments_sampler);
     gl->DeleteVertexArrays(1, &renderer->no_vertices);
-    csm_timers_drop(renderer);
+    gl->DeleteQueries(1, &renderer->timer.query);
 }
 
 csm_status csm_renderer_create(const csm_renderer_desc *desc, csm_renderer **out, csm_error *err) {
@@ -459,7 +460,6 @@ static csm_status read_back(csm_frame *frame, csm_error *err) {
         return status;
     }
     csm_host_buffers_fetch(frame->renderer);
-    csm_timers_read(frame);
     copy_mapped(frame, CSM_BUFFER_MASK, out->mask, pixels * sizeof(float));
     copy_mapped(frame, CSM_BUFFER_MASK_SINGLE, out->mask_single, pixels * sizeof(float));
     copy_mapped(frame, CSM_BUFFER_DEPTH, out->view_depth, pixels * sizeof(float));
@@ -479,7 +479,10 @@ static csm_status read_back(csm_frame *frame, csm_error *err) {
         status = csm_moments_read(frame, i, out->moments[i], err);
     }
     csm_points_read(frame);
-    csm_timing_add(out, "readback", csm_clock_ms() - start);
+    if (out->timing_count < CSM_MAX_TIMINGS) {
+        out->timing_names[out->timing_count] = "readback";
+        out->timing_ms[out->timing_count++] = csm_clock_ms() - start;
+    }
     return status;
 }
 
