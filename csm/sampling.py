@@ -153,7 +153,7 @@ def surface_steps(camera, points, normals, gradients):
         ``[point, right or down, coordinate]`` [pixels of the camera].
     """
     gradients = np.broadcast_to(gradients, (len(points), 2, 3))
-    along_u, along_v = np.cross(gradients[:, 1], normals), np.cross(normals, gradients[:, 0])
+    along_u, along_v = _cross(gradients[:, 1], normals), _cross(normals, gradients[:, 0])
     volume = np.einsum("mk,mk->m", gradients[:, 0], along_u)
     volume = np.where(volume == 0.0, 1e-300, volume)
     step = np.stack([along_u, along_v], axis=1) / volume[:, None, None]
@@ -169,6 +169,12 @@ def surface_steps(camera, points, normals, gradients):
     width, height = camera.size
     pixels = np.array([0.5 * width / camera.half_width, -0.5 * height / camera.half_height])
     return pixels[:, None] * moved
+
+
+def _cross(one, other):
+    """Products (m, 3) of rows, as of ``np.cross``, which takes three times as long."""
+    (a, b, c), (x, y, z) = one.T, other.T
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
 
 
 def _largest_singular_value(matrices):

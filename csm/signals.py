@@ -38,6 +38,8 @@ DEPTH_BINS = 24
 
 #: The coarse maps: four, so that casters and receivers of each are counted.
 PROBE = ShadowSettings(map_size=512, fit="visible", snap="none", cull="exclusive")
+#: One map over all that is drawn, whose depth range says how long they are.
+WHOLE = PROBE.replace(fit="sphere", cascade_count=1)
 HORIZON = ShadowSettings(filter="none")
 HORIZON_OUTPUTS = ("valid", "view_depth", "normal")
 PROBE_OUTPUTS = ("mask", "valid", "view_depth", "normal", "cascade_index", "shadow_maps")
@@ -89,6 +91,8 @@ class View:
         That exclusive culling left out of them.
     cascade_shares : tuple of float
         Receivers in each of them.
+    axes : (2, 3) float64
+        Unit vectors across the light: `light_gradients`.
     """
 
     camera: object
@@ -115,11 +119,7 @@ class View:
     layers: tuple[float, ...]
     needless_chunks: int
     cascade_shares: tuple[float, ...]
-
-    @cached_property
-    def axes(self):
-        """Two unit vectors (2, 3) across the light: `light_gradients`."""
-        return light_gradients(self.sun)
+    axes: np.ndarray
 
     @cached_property
     def held(self):
@@ -145,7 +145,11 @@ class View:
         -------
         widths : (e,) float64
         """
-        return self.penumbra_metres() * np.linalg.norm(self.steps_across, axis=1)
+        return self._penumbrae
+
+    @cached_property
+    def _penumbrae(self):
+        return frozen(self.penumbra_metres() * np.linalg.norm(self.steps_across, axis=1))
 
     def penumbra_metres(self):
         """Width of the sun's penumbra at every edge, across the light (e,) [m]."""
@@ -386,6 +390,7 @@ def _look(renderer, scene, camera, sun, spent):
         cascade_shares=tuple(
             float(np.count_nonzero(index == i) / max(count, 1)) for i in range(PROBE.cascade_count)
         ),
+        axes=frozen(axes),
     ), sides
 
 
@@ -412,8 +417,7 @@ def _summary(scene, views, cameras, suns, sides, spent):
     counts = np.histogram(np.clip(depths, bins[0], bins[-1]), bins)[0] / max(len(depths), 1)
     near, far = _percentiles(depths, (1, 99)) if len(depths) else (1.0, 1.0)
     penumbra = np.concatenate([view.penumbra_widths() for view in views])
-    one = PROBE.replace(fit="sphere", cascade_count=1)
-    fitted = [fit_cascades(view.camera, view.sun, one, scene=scene) for view in views]
+    fitted = [fit_cascades(view.camera, view.sun, WHOLE, scene=scene) for view in views]
     factor = float(
         np.prod([a / b for a, b in zip(first.camera.size, _coarse_size(first), strict=True)])
     )
