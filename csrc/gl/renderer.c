@@ -17,7 +17,7 @@
 /* -- entering and leaving -------------------------------------------------------------------------
  */
 
-csm_status csm_renderer_enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err) {
+static csm_status lock(csm_renderer *renderer, csm_error *err) {
     if (renderer->owner != getpid()) {
         return csm_fail(err, CSM_ERROR_CONTEXT_LOST,
                         "renderer was made before a fork: a context does not survive it, make "
@@ -27,6 +27,14 @@ csm_status csm_renderer_enter(csm_renderer *renderer, csm_saved_binding *saved, 
         return csm_fail(
             err, CSM_ERROR_CONTEXT_LOST,
             "renderer is already at work in this thread (called from a signal handler?)");
+    }
+    return CSM_OK;
+}
+
+csm_status csm_renderer_enter(csm_renderer *renderer, csm_saved_binding *saved, csm_error *err) {
+    const csm_status status = lock(renderer, err);
+    if (status != CSM_OK) {
+        return status;
     }
     csm_binding_save(saved);
     if (!csm_context_bind(&renderer->context)) {
@@ -228,11 +236,10 @@ void csm_renderer_destroy(csm_renderer *renderer) {
  */
 
 csm_status csm_renderer_describe(csm_renderer *renderer, csm_renderer_info *out, csm_error *err) {
-    csm_saved_binding saved;
-    csm_status status = csm_renderer_enter(renderer, &saved, err);
-    if (status == CSM_OK) {
+    const csm_status status = lock(renderer, err);
+    if (status == CSM_OK) { /* what is known already: the driver is not asked */
         *out = renderer->info;
-        csm_renderer_leave(renderer, &saved);
+        pthread_mutex_unlock(&renderer->lock);
     }
     return status;
 }
