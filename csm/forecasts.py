@@ -151,10 +151,10 @@ class Forecaster:
                 self.leak(settings, map_size, filter_size),
             )
         (aliasing, leak), left = texels, 0.0
+        held = error = np.hypot(aliasing, self.softness(settings, 0.0)) + leak
         if settings.filter == "pcss":
             left = self.left_out(settings, map_size, filter_size)
-        held = np.hypot(aliasing, self.softness(settings, 0.0)) + leak
-        error = np.hypot(aliasing, self.softness(settings, left)) + leak
+            error = np.hypot(aliasing, self.softness(settings, left)) + leak
         return Expected(np.minimum(error, 1.0), held, left)
 
     def softness(self, settings, left=None):
@@ -380,12 +380,12 @@ class Forecaster:
         A shifted sphere hangs on the selection itself.
         """
         known = self._keys.get(id(settings))
-        if known is None:
+        if known is None or known[0] is not settings:  # ids of what was pickled are others' now
             moves = _windows_of(settings)
             if settings.fit == "shifted":
                 moves += (settings.select,)
             number = self._numbers.setdefault(moves, len(self._numbers))
-            # with the settings, so that no others get their id
+            # with the settings, so that no others get their id while this lives
             known = self._keys[id(settings)] = settings, (number, settings.select)
         return known[1]
 

@@ -104,7 +104,10 @@ class Frame:
     @cached_property
     def info(self):
         """What else is known of the render, made when it is first read: see the class."""
-        return self._make_info()
+        try:
+            return self._make_info()
+        except AttributeError as error:  # which else would say that a Frame has no info
+            raise RuntimeError(f"info of a frame could not be made: {error}") from error
 
     def __getstate__(self):
         state = {**self.__dict__, "info": self.info}

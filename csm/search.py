@@ -140,39 +140,13 @@ class Search:
             filters = pcss + filters
         elif self.goal["max_error"] is not None and self.signals.penumbra_pixels[2] > 0.0:
             filters += pcss
-        found = []
-        for count in COUNTS:
-            found += [
-                family
-                for arranged in self._arrangements(count)
-                for sized, sizes in self._sizes(arranged)
-                for family in self._filtered(sized, sizes, filters)
-            ]
-            if self._more_are_idle(count) and self._reach(found):
-                break
-        return found
-
-    def _more_are_idle(self, count):
-        """Whether neither so many cascades nor the number before cost less than fewer do."""
-        tried = COUNTS[: COUNTS.index(count) + 1]
-        return len(tried) > 2 and not any(self._saves(one) for one in tried[-2:])
-
-    def _reach(self, families):
-        """Whether one of some families is on the goal's side, where nothing but the error counts.
-
-        With a budget, of time or of bytes, every number of maps may be the best within it.
-        """
-        if self.goal["budget_ms"] is not None or self.goal["max_bytes"] is not None:
-            return False
-        if self.goal["max_error"] is not None:
-            return any((one.expected.error <= self.goal["max_error"]).any() for one in families)
-        called_for = families[0].arranged.filter
-        held, left_out = self._knee_limits(called_for)
-        return any(
-            ((one.expected.held <= held) & (one.expected.left_out <= left_out)).any()
-            for one in families
-            if one.arranged.filter == called_for
-        )
+        return [
+            family
+            for count in COUNTS
+            for arranged in self._arrangements(count)
+            for sized, sizes in self._sizes(arranged)
+            for family in self._filtered(sized, sizes, filters)
+        ]
 
     def _sizes(self, arranged):
         """Settings and sizes of their maps: equal ones (k,), and of a still unequal ones (k, n)."""
@@ -322,7 +296,10 @@ class Search:
         """
         if (called_for, model) in self._known_knees:  # a path asks about every candidate
             return self._known_knees[called_for, model]
-        held, left_out = self._knee_limits(called_for)
+        full = self.forecaster.expected(self._everything_on(called_for))
+        margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
+        held = full.held + margin
+        left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra()) + margin
         among = self._allowed & self._filtered_by(called_for)
         among &= (self._column("held") <= held) & (self._column("left_out") <= left_out)
         most = -math.inf
@@ -336,13 +313,6 @@ class Search:
 
         self._known_knees[called_for, model] = enough
         return enough
-
-    def _knee_limits(self, called_for):
-        """What texels may miss at the knee, and what kernels may leave out of penumbrae."""
-        full = self.forecaster.expected(self._everything_on(called_for))
-        margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
-        most_left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra())
-        return full.held + margin, most_left_out + margin
 
     def _filtered_by(self, name):
         """Which candidates have a filter (m,)."""

@@ -493,7 +493,7 @@ def _number(name, value):
         raise TypeError(f"{name} must be a number (got {value!r})") from None
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite (got {value!r})")
-    return number
+    return number + 0.0  # no zero has a sign: equal settings are equal to the bit
 
 
 def _whole(name, value):

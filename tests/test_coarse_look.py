@@ -154,22 +154,35 @@ def test_outline_by_hand(size, orthographic):
     assert outline_of(dark, points[:0], axes).shape == (0, 3)
 
 
+@pytest.mark.parametrize("away", [0.0, 1e4, 1e7])
 @pytest.mark.parametrize("orthographic", [False, True])
-def test_outline_of_a_plane_by_hand(orthographic):
+def test_outline_of_a_plane_by_hand(orthographic, away):
     """Most blocks of its pixels lie within what others reach to; blocks are cut off at the border,
     and points go on from pixels."""
     size = width, height = 139, 75
     camera = camera_of(size, orthographic)
+    camera = camera.replace(eye=camera.eye + away * np.array([1.0, 0.3, -0.7]))
     axes = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0][:2]
     below = np.arange(1, height + 1)[:, None] + 0.1 * np.arange(width)
     depths = (70.0 / below if not orthographic else 90.0 - below).astype(np.float32)
     depths[20:24, 30:60] *= 0.5  # something stands before it
     facing = below > 3.0
     points = [pixel_point(camera, depths, 60, column) for column in range(width)]
-    points.append(1.01 * points[70])
+    points.append(points[70] + 0.01 * (points[70] - camera.eye))
     kept = outline_of([(camera, depths, facing)], np.array(points), axes)
     expected = by_row(outline_by_hand([(camera, depths, facing)], np.array(points), axes))
     assert by_row(kept) == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_point_that_is_none_hides_no_other():
+    camera = camera_of((8, 6))
+    near, far = (np.array(point_of(camera, x, 0.0, 10.0)) for x in (0.1, 0.7))
+    dark = [(camera, np.ones((6, 8), np.float32), np.zeros((6, 8), bool))]
+    points = np.array([far, np.full(3, np.nan), near])
+    assert outline_of(dark, points, np.array([camera.right, camera.up])).tolist() == [
+        far.tolist(),
+        near.tolist(),
+    ]
 
 
 # -- ends of planes --------------------------------------------------------------------------------

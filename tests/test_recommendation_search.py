@@ -1,6 +1,7 @@
 """What csm.recommend searches among: warps, cascades that hold receivers, costs of the machine."""
 
 import dataclasses
+import pickle
 import warnings
 
 import numpy as np
@@ -195,3 +196,16 @@ def test_a_path_is_biased_unless_its_back_sides_cast(renderer):
             renderer.render(scene, camera, sun, found.settings), csm.truth(scene, camera, sun)
         )
         assert error < 0.002, "half of the ground was striped with shadow"
+
+
+def test_settings_are_known_by_themselves_alone(renderer, road):
+    """Also after a copy, in which ids are those of settings that are gone."""
+    scene, camera, sun = road
+    found = csm.recommend(scene, camera, sun, max_error=0.01, renderer=renderer)
+    copied = pickle.loads(pickle.dumps(found.forecaster))
+    others = [csm.ShadowSettings(fit="visible", cascade_count=n, lam=0.3) for n in (1, 2, 3)]
+    expected = [Forecaster(found.signals, scene).error(one) for one in others]
+    some = next(iter(copied._keys.values()))
+    copied._keys.update({id(one): some for one in others})  # whose ids they happen to get
+    assert [copied.error(one) for one in others] == expected
+    assert len(set(expected)) > 1

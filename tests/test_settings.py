@@ -14,6 +14,7 @@ from hypothesis import given
 
 import csm
 from csm import _core
+from csm.settings import draw_alike
 
 # What scripts rely on, written down apart from the code.
 PUBLIC_DEFAULTS = {
@@ -286,3 +287,18 @@ def test_a_replaced_count_is_checked_before_sizes_follow_it(count):
     assert str(replaced.value) == str(plain.value)
     assert several.replace(cascade_count=2.0).map_size == (1024, 512)
     assert several.replace(cascade_count=6).map_size == (1024, 512, 256, 128, 128, 128)
+
+
+def test_what_draws_alike():
+    """As canonical forms are equal; no zero has a sign, and each of equal sizes may be given."""
+    one = csm.ShadowSettings(bias="manual", slope_bias=1.0, cascade_count=2)
+    for changes, alike in (
+        ({"constant_bias_texels": -0.0}, True),
+        ({"map_size": (2048, 2048)}, True),
+        ({"fade_width": 0.0, "tap_count": 8}, True),  # no disc to tap
+        ({"slope_bias": 1.0 + 1e-12}, False),
+        ({"map_size": (2048, 1024)}, False),
+        ({"cascade_count": 3}, False),
+    ):
+        other = one.replace(**changes)
+        assert draw_alike(one, other) == alike == (one.canonical() == other.canonical())

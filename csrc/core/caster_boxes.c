@@ -46,12 +46,13 @@ static held_box held_by(const box_window *window, const double centre[2], const 
         const double high = at + reach < 1.0 ? at + reach : 1.0;
         const double side = high - low, whole = 2.0 * reach;
         if (side < 0.0) {
-            out.share = 0.0;
-        } else if (whole > 0.0) { /* of what is seen edge on, boxes have no width */
-            out.share *= (side < whole ? side : whole) / whole; /* by rounding it may be more */
+            return (held_box){.share = 0.0};
+        }
+        if (side < whole) { /* by rounding it may be more; of what is seen edge on, both are 0 */
+            out.share *= side / whole;
         }
         out.whole = out.whole && side >= whole * (1.0 - 1e-12);
-        out.sides[row] = side > 0.0 ? side : 0.0;
+        out.sides[row] = side;
     }
     return out;
 }
@@ -158,14 +159,14 @@ static void deal(const sorted_caster *from, size_t count, int digit, uint32_t co
 
 csm_status csm_casters_order(size_t count, const double *area, const int *kind, int kinds,
                              int64_t *out, csm_error *err) {
-    sorted_caster *from = malloc((2 * count + 1) * sizeof *from), *to = from + count;
+    sorted_caster *from = malloc((2 * count + 1) * sizeof *from);
     uint32_t(*counts)[VALUES] = calloc(DIGITS, sizeof *counts);
     if (!from || !counts) {
         free(from);
         free(counts);
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu casters", count);
     }
-    sorted_caster *first = from;
+    sorted_caster *const first = from, *to = from + count;
     size_t starts[CSM_MAX_CASCADES + 2] = {0};
     for (size_t k = 0; k < count; k++) {
         from[k] = (sorted_caster){area_key(area[k]), k};

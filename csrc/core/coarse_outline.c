@@ -242,9 +242,10 @@ static void add_row(const block_view *view, int row, int column, int count, lane
 /* Whether anything in a box of u, v and depth, by so much wider, may be outermost. */
 static bool box_reaches_out(const outline *o, const double box[3][2], double wrong) {
     const double u = 0.5 * (box[0][0] + box[0][1]), v = 0.5 * (box[1][0] + box[1][1]);
-    const double more = wrong + DOUBLE * (fabs(u) + fabs(v));
-    const double wide = 0.5 * (box[0][1] - box[0][0]) + more;
-    const double high = 0.5 * (box[1][1] - box[1][0]) + more;
+    double wide = 0.5 * (box[0][1] - box[0][0]), high = 0.5 * (box[1][1] - box[1][0]);
+    const double more = wrong + DOUBLE * (fabs(u) + fabs(v) + wide + high);
+    wide += more;
+    high += more;
     const int last = slice_of(o, box[2][1]);
     double here[DIRECTIONS], most = -INFINITY;
     for (int k = 0; k < DIRECTIONS; k++) {
@@ -254,10 +255,10 @@ static bool box_reaches_out(const outline *o, const double box[3][2], double wro
     for (int slice = slice_of(o, box[2][0]); slice <= last; slice++) {
         for (int k = 0; k < DIRECTIONS; k++) {
             const double beyond = here[k] - o->least[slice][k];
-            most = beyond > most ? beyond : most;
+            most = beyond > most || beyond != beyond ? beyond : most;
         }
     }
-    return most >= 0.0;
+    return !(most < 0.0); /* what has no size is looked at */
 }
 
 /* What u and v in single precision may be wrong by at such depths. */
@@ -330,14 +331,18 @@ static void outline_add_points(outline *o, const csm_camera *camera, const doubl
     for (size_t i = 0; i < count; i += BLOCK) {
         const int some = count - i < BLOCK ? (int)(count - i) : BLOCK;
         double box[3][2], depths[BLOCK];
+        for (int axis = 0; axis < 3; axis++) {
+            box[axis][0] = INFINITY;
+            box[axis][1] = -INFINITY;
+        }
         for (int k = 0; k < some; k++) {
             const double *point = points[i + (size_t)k];
             depths[k] = depth_of(camera, point);
             const double at[3] = {vec3_dot(point, o->axes[0]), vec3_dot(point, o->axes[1]),
                                   depths[k]};
             for (int axis = 0; axis < 3; axis++) {
-                box[axis][0] = k && box[axis][0] < at[axis] ? box[axis][0] : at[axis];
-                box[axis][1] = k && box[axis][1] > at[axis] ? box[axis][1] : at[axis];
+                box[axis][0] = at[axis] < box[axis][0] ? at[axis] : box[axis][0];
+                box[axis][1] = at[axis] > box[axis][1] ? at[axis] : box[axis][1];
             }
         }
         const bool out = box_reaches_out(o, box, 0.0);

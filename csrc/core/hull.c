@@ -6,7 +6,6 @@
 #include <string.h>
 
 #define DIRECTIONS 16
-#define LOOKED_AT 384 /* of points, for those that are farthest out: any hold others inside */
 
 static int compare_points(const void *left, const void *right) {
     const double *a = left, *b = right;
@@ -67,8 +66,7 @@ size_t csm_convex_hull(double (*points)[2], size_t count, double tolerance, size
     return size;
 }
 
-/* The corners of the polygon of the points farthest out in all directions, each once, in order; of
- * some of the points. */
+/* The corners of the polygon of the points farthest out in all directions, each once, in order. */
 static int farthest_points(const double (*points)[2], size_t count, double (*out)[2]) {
     double farthest[DIRECTIONS], at[DIRECTIONS], along[2][DIRECTIONS];
     for (int k = 0; k < DIRECTIONS; k++) {
@@ -78,8 +76,7 @@ static int farthest_points(const double (*points)[2], size_t count, double (*out
         farthest[k] = -INFINITY;
         at[k] = 0.0;
     }
-    const size_t step = 1 + count / LOOKED_AT;
-    for (size_t i = 0; i < count; i += step) {
+    for (size_t i = 0; i < count; i++) {
         for (int k = 0; k < DIRECTIONS; k++) { /* doubles without a branch: in vectors */
             const double reach = along[0][k] * points[i][0] + along[1][k] * points[i][1];
             at[k] = reach > farthest[k] ? (double)i : at[k];
@@ -125,11 +122,9 @@ double csm_smallest_rectangle(const double (*hull)[2], size_t count) {
         double low = INFINITY, high = -INFINITY, height = 0.0;
         for (size_t k = 0; k < count; k++) {
             const double x = hull[k][0] - a[0], y = hull[k][1] - a[1];
-            const double reach = along[0] * x + along[1] * y;
-            const double up = fabs(along[0] * y - along[1] * x);
-            low = reach < low ? reach : low;
-            high = reach > high ? reach : high;
-            height = up > height ? up : height;
+            low = fmin(low, along[0] * x + along[1] * y);
+            high = fmax(high, along[0] * x + along[1] * y);
+            height = fmax(height, fabs(along[0] * y - along[1] * x));
         }
         if ((high - low) * height < best_area) {
             best_area = (high - low) * height;

@@ -238,8 +238,8 @@ static void write_draws(const csm_gpu_scene *scene, const uint32_t *items, size_
     }
 }
 
-/* Where the data lies in the buffer. A pass writes behind what those before it may still read; only
- * lists that are long for a whole frame are written over them, which the driver has to put in
+/* Where the data lies in the buffer. A pass writes behind what those before it may still read. What
+ * is written over, by the next frame or by lists that are long for a whole one, the driver puts in
  * order. A buffer that is replaced lives on until its draws are done. */
 static GLintptr put(csm_renderer *renderer, csm_draw_buffer *buffer, const char *label,
                     const void *data, GLsizeiptr bytes) {
@@ -314,7 +314,7 @@ csm_status csm_draw_list_submit(csm_frame *frame, const csm_gpu_scene *scene,
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     csm_draw_list *list = &renderer->draws;
-    if (list->instances.name) {
+    if (scene->geometry.instance_count > 1) {
         gl->VertexArrayVertexBuffer(scene->vertex_array, BINDING_INSTANCE, list->instances.name,
                                     list->first_instance, sizeof(GLuint));
     }

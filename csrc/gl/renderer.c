@@ -385,12 +385,14 @@ static size_t bytes_at_once(const csm_frame *frame) {
     return wanted && bytes <= MAPS_AT_ONCE_BYTES ? bytes : 0;
 }
 
-static csm_status queue_maps(csm_frame *frame, size_t bytes, csm_error *err) {
+/* Whether maps of so many bytes will come with the rest; where there is no such memory they are
+ * read by themselves. */
+static bool queue_maps(csm_frame *frame, size_t bytes) {
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
-    csm_status status = csm_host_buffer_fit(renderer, CSM_BUFFER_MAPS, bytes, err);
-    if (status != CSM_OK) {
-        return status;
+    csm_error refused = {0};
+    if (!bytes || csm_host_buffer_fit(renderer, CSM_BUFFER_MAPS, bytes, &refused) != CSM_OK) {
+        return false;
     }
     gl->BindBuffer(GL_PIXEL_PACK_BUFFER, renderer->buffers[CSM_BUFFER_MAPS].host);
     size_t before = 0;
@@ -399,7 +401,7 @@ static csm_status queue_maps(csm_frame *frame, size_t bytes, csm_error *err) {
         before += map_texels(frame, i);
     }
     gl->BindBuffer(GL_PIXEL_PACK_BUFFER, 0); /* moments are read into memory */
-    return CSM_OK;
+    return true;
 }
 
 static void read_maps(csm_frame *frame, bool queued) {
@@ -461,11 +463,8 @@ static csm_status read_back(csm_frame *frame, csm_error *err) {
     const csm_render_desc *desc = frame->desc;
     size_t pixels = (size_t)desc->camera.width * (size_t)desc->camera.height;
     double start = csm_clock_ms();
-    const size_t queued = bytes_at_once(frame);
-    csm_status status = queued ? queue_maps(frame, queued, err) : CSM_OK;
-    if (status != CSM_OK) {
-        return status;
-    }
+    csm_status status = CSM_OK;
+    const bool queued = queue_maps(frame, bytes_at_once(frame));
     csm_host_buffers_fetch(frame->renderer);
     copy_mapped(frame, CSM_BUFFER_MASK, out->mask, pixels * sizeof(float));
     copy_mapped(frame, CSM_BUFFER_MASK_SINGLE, out->mask_single, pixels * sizeof(float));
@@ -479,7 +478,7 @@ static csm_status read_back(csm_frame *frame, csm_error *err) {
         out->valid[i] = packed[i] >> 8 & 1u;
     }
     if (out->shadow_maps[0]) {
-        read_maps(frame, queued > 0);
+        read_maps(frame, queued);
     }
     const int count = frame->settings.effects[CSM_EFFECT_CASCADE_COUNT];
     for (int i = 0; i < count && out->moments[i] && status == CSM_OK; i++) {
@@ -694,7 +693,7 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
         csm_kept_forget(renderer); /* moments may not be those of their map */
         csm_kept_forget_view(renderer);
     }
-    if (status == CSM_ERROR_OUT_OF_MEMORY) {
+    if (status != CSM_OK) {
         csm_draw_list_drop(renderer); /* its buffers may have a size and no memory */
     }
     csm_renderer_leave(renderer, &saved);

@@ -310,9 +310,8 @@ static PyObject *casters_order(PyObject *module, PyObject *args, PyObject *kwarg
         const double *areas = PyArray_DATA(area);
         const int *of = PyArray_DATA(kind);
         int64_t *order = PyArray_DATA(out);
-        Py_BEGIN_ALLOW_THREADS
+        /* under the lock: kinds were checked, and are the caller's */
         status = csm_casters_order(count, areas, of, kinds, order, &err);
-        Py_END_ALLOW_THREADS
     }
     Py_XDECREF(area);
     Py_XDECREF(kind);
