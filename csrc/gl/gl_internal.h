@@ -341,6 +341,8 @@ void csm_buffer_drop(csm_renderer *renderer, GLuint *name);
 csm_status csm_gpu_scene_make(csm_renderer *renderer, const csm_geometry *geometry,
                               const double origin[3], csm_gpu_scene **out, csm_error *err);
 void csm_gpu_scene_destroy(csm_renderer *renderer, csm_gpu_scene *scene);
+/* After a frame: its buffers go where they may have a size and no memory. */
+void csm_draw_list_distrust(csm_renderer *renderer, csm_status status);
 /* Before the first list of a frame. */
 void csm_draw_list_begin(csm_renderer *renderer, const csm_gpu_scene *scene);
 csm_status csm_draw_list_fill(csm_renderer *renderer, const csm_gpu_scene *scene,

@@ -352,3 +352,10 @@ void csm_draw_list_drop(csm_renderer *renderer) {
     drop_draw_buffer(renderer, &renderer->draws.commands);
     drop_draw_buffer(renderer, &renderer->draws.instances);
 }
+
+void csm_draw_list_distrust(csm_renderer *renderer, csm_status status) {
+    /* an interrupt comes before the driver is asked whether it had the memory */
+    if (status == CSM_ERROR_OUT_OF_MEMORY || status == CSM_ERROR_INTERRUPTED) {
+        csm_draw_list_drop(renderer);
+    }
+}

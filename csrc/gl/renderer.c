@@ -693,9 +693,7 @@ csm_status csm_renderer_render(csm_renderer *renderer, const csm_render_desc *de
         csm_kept_forget(renderer); /* moments may not be those of their map */
         csm_kept_forget_view(renderer);
     }
-    if (status != CSM_OK) {
-        csm_draw_list_drop(renderer); /* its buffers may have a size and no memory */
-    }
+    csm_draw_list_distrust(renderer, status);
     csm_renderer_leave(renderer, &saved);
     return status;
 }

@@ -106,9 +106,7 @@ csm_status csm_renderer_visibility(csm_renderer *renderer, const csm_visibility_
     csm_status status = csm_renderer_enter(renderer, &saved, err);
     if (status == CSM_OK) {
         status = visibility_bound(renderer, desc, &out, err);
-        if (status != CSM_OK) {
-            csm_draw_list_drop(renderer); /* as after a frame */
-        }
+        csm_draw_list_distrust(renderer, status);
         csm_renderer_leave(renderer, &saved);
     }
     return status;
