@@ -24,8 +24,9 @@ from .scene import Scene
 from .search import Forecast, Search
 from .settings import ShadowSettings, maps_text
 from .signals import Signals, measure_signals
-from .spaces import as_number
+from .spaces import as_number, as_whole
 from .sun import Sun
+from .timing import MOST_REPEATS
 from .verification import table_html, table_text, verify
 
 __all__ = ["Forecast", "Reasons", "Recommendation", "recommend"]
@@ -194,6 +195,8 @@ class Recommendation(Recorded):
         ------
         ImportError
             If embreex is missing.
+        TypeError, ValueError
+            If an argument is of the wrong kind or out of range.
         ValueError
             If it was read from a file, which holds no scene: give that back by `with_scene`.
         """
@@ -202,6 +205,8 @@ class Recommendation(Recorded):
                 "verify needs the scene, of which a file holds only the digest "
                 f"{self.scene_mark['digest']}: give it back by with_scene(scene)"
             )
+        _check_renderer(renderer)
+        repeats = as_whole("repeats", repeats, 1, MOST_REPEATS)
         with ExitStack() as stack:
             renderer = renderer or stack.enter_context(Renderer())
             stack.enter_context(renderer.aside())
@@ -374,8 +379,7 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
     """
     cameras, suns = _path(camera, Camera, "camera"), _path(sun, Sun, "sun")
     check_kinds(scene=scene)
-    if renderer is not None and not isinstance(renderer, Renderer):
-        raise TypeError(f"renderer must be a csm.Renderer (got {type(renderer).__name__})")
+    _check_renderer(renderer)
     goal = checked_goal(max_error, budget_ms, max_bytes)
     if len(cameras) > 1 and len(suns) > 1 and len(cameras) != len(suns):
         raise ValueError(
@@ -522,6 +526,11 @@ def _shown(reason):
     if reason.effect == "shadows":
         return "on" if reason.taken else "off"
     return str(reason.value) if not isinstance(reason.value, float) else f"{reason.value:g}"
+
+
+def _check_renderer(renderer):
+    if renderer is not None and not isinstance(renderer, Renderer):
+        raise TypeError(f"renderer must be a csm.Renderer (got {type(renderer).__name__})")
 
 
 def _path(value, kind, name):

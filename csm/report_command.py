@@ -24,8 +24,8 @@ from .scenes import SCENES
 from .spaces import as_number, as_whole
 from .sun import Sun
 from .sweep_command import interrupted
-from .sweeps import MOST_REPEATS
 from .techniques import FAMILIES, settings_by_name
+from .timing import MOST_REPEATS
 
 __all__ = ["REPORT_EXAMPLES", "REPORT_HELP", "add_report_options", "run_report"]
 

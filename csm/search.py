@@ -69,6 +69,20 @@ class Forecast:
     met: bool
 
 
+@dataclass(frozen=True)
+class _Knee:
+    """Most that texels may miss, that kernels may leave out, or that both may err all in all."""
+
+    held: float
+    left_out: float
+    error: float
+
+    def holds(self, expected):
+        """Whether what is expected, of one or of several settings, is no more than that."""
+        texels = (expected.held <= self.held) & (expected.left_out <= self.left_out)
+        return texels | (expected.error <= self.error)
+
+
 class Search:
     """Number, sizes, splits and axes of the maps.
 
@@ -276,7 +290,7 @@ class Search:
         called_for = self.families[0].arranged.filter
         affordable &= self._filtered_by(called_for)
         expected = Expected(error, self._column("held"), self._column("left_out"))
-        good = affordable & self._knee(called_for, model)(expected)
+        good = affordable & self._knee(called_for, model).holds(expected)
         if good.any():
             full = forecast_cost(self._everything_on(called_for), self.forecaster, model)
             nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * full)
@@ -287,7 +301,7 @@ class Search:
         return least(affordable, error, costs, texels)
 
     def _knee(self, called_for, model):
-        """Whether what is expected is at the knee, under the filter that is called for: a function.
+        """What is at the knee, under the filter that is called for.
 
         What kernels leave out of penumbrae is asked apart, and may be no more than everything on
         leaves out itself, or what the choice of kernels allows: that everything on cuts penumbrae
@@ -307,12 +321,8 @@ class Search:
             rows = np.flatnonzero(among)
             most = float(self._column("error")[rows[self._costs(model)[rows].argmin()]])
 
-        def enough(expected):
-            texels = (expected.held <= held) & (expected.left_out <= left_out)
-            return texels | (expected.error <= most)
-
-        self._known_knees[called_for, model] = enough
-        return enough
+        knee = self._known_knees[called_for, model] = _Knee(held, left_out, most)
+        return knee
 
     def _filtered_by(self, name):
         """Which candidates have a filter (m,)."""
@@ -341,7 +351,7 @@ class Search:
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
         enough = limit is None or error <= limit
         if limit is None and budget is None:
-            enough = bool(self._knee(self.families[0].arranged.filter, model)(expected))
+            enough = bool(self._knee(self.families[0].arranged.filter, model).holds(expected))
         met = (
             enough
             and (budget is None or ms <= budget)

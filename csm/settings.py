@@ -380,7 +380,7 @@ class ShadowSettings(Recorded):
             return bool(value)
         if not isinstance(value, str):
             raise TypeError(f"{name} must be a string (got {value!r})")
-        return value
+        return str.__str__(value)  # of numpy's and other kinds the plain one
 
     def replace(self, **changes):
         """Copy with other values.
@@ -491,6 +491,8 @@ def _number(name, value):
         number = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name} must be a number (got {value!r})") from None
+    except OverflowError:  # a whole number without a float
+        raise ValueError(f"{name} must be finite (got one of more than 300 digits)") from None
     if not math.isfinite(number):
         raise ValueError(f"{name} must be finite (got {value!r})")
     return number + 0.0  # no zero has a sign: equal settings are equal to the bit

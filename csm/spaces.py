@@ -57,6 +57,8 @@ def as_number(name, value, low=-math.inf, high=math.inf, *, rule=None):
         number = float(value)
     except (TypeError, ValueError):
         raise TypeError(f"{name} must be {rule} (got {value!r})") from None
+    except OverflowError:  # a whole number without a float
+        raise ValueError(f"{name} must be {rule} (got one of more than 300 digits)") from None
     if not math.isfinite(number) or not low <= number <= high:
         raise ValueError(f"{name} must be {rule} (got {number:g})")
     return number

@@ -33,13 +33,14 @@ from .sweep_tables import (
     write_netcdf,
 )
 from .sweep_worker import MASK_CAUSES, Job, Options, mark_of, measure
+from .timing import MOST_REPEATS
 from .tracing import NotConverged
 from .truth_cache import cached_truth
 
 __all__ = ["repeat_point", "sweep"]
 
 JOURNAL, TRUTHS, NETCDF, TABLE = "journal.jsonl", "truth", "sweep.nc", "points.csv"
-MOST_REPEATS, MOST_PROCESSES = 10_000, 1024
+MOST_PROCESSES = 1024
 
 
 def sweep(

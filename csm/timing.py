@@ -19,6 +19,7 @@ __all__ = [
     "HOST",
     "LEAST",
     "MOST",
+    "MOST_REPEATS",
     "SPREAD",
     "all_in_turns",
     "by_pass",
@@ -31,6 +32,7 @@ __all__ = [
 
 LEAST = 5  # frames that count, at least
 MOST = 50  # and at most
+MOST_REPEATS = 10_000  # of frames, where somebody says how many
 RUN = 3  # of them in a turn, after the one that does not: fewer would double the work
 SPREAD = 0.10  # quartiles lie within this share of the median
 HOST = "host"  # of the call, what lies outside of all passes

@@ -209,3 +209,27 @@ def test_settings_are_known_by_themselves_alone(renderer, road):
     copied._keys.update({id(one): some for one in others})  # whose ids they happen to get
     assert [copied.error(one) for one in others] == expected
     assert len(set(expected)) > 1
+
+
+@pytest.mark.parametrize("goal", [{}, {"max_error": 0.01}, {"max_bytes": 10**6}])
+def test_a_recommendation_comes_back_from_a_pickle(renderer, road, goal):
+    scene, camera, sun = road
+    found = csm.recommend(scene, camera, sun, renderer=renderer, **goal)
+    copied = pickle.loads(pickle.dumps(found))
+    assert copied == found
+    other = found.settings.replace(map_size=700)
+    assert copied.forecast(other) == found.forecast(other)
+
+
+@pytest.mark.parametrize(
+    ("given", "error", "text"),
+    [
+        ({"repeats": 0}, ValueError, "repeats must be a number from 1 to 10000"),
+        ({"repeats": 1.5}, TypeError, "repeats must be a whole number from 1 to 10000"),
+        ({"renderer": 3}, TypeError, "renderer must be a csm.Renderer"),
+    ],
+)
+def test_verify_says_what_it_takes(renderer, road, given, error, text):
+    found = csm.recommend(*road, renderer=renderer)
+    with pytest.raises(error, match=text):
+        found.verify(**{"renderer": renderer, **given})

@@ -302,3 +302,12 @@ def test_what_draws_alike():
     ):
         other = one.replace(**changes)
         assert draw_alike(one, other) == alike == (one.canonical() == other.canonical())
+
+
+def test_a_number_that_no_float_holds_is_refused_by_name():
+    with pytest.raises(ValueError, match="max_distance must be finite"):
+        csm.ShadowSettings(max_distance=10**400)
+
+
+def test_words_are_plain():
+    assert type(csm.ShadowSettings(filter=np.str_("pcf")).filter) is str
