@@ -13,5 +13,5 @@ display=()
 # it allocates until it ends, which is no leak of ours.
 preload="$(gcc -print-file-name=libasan.so) $(gcc -print-file-name=libubsan.so)"
 "${display[@]}" env LD_PRELOAD="$preload" ASAN_OPTIONS=detect_leaks=0 \
-    UBSAN_OPTIONS=halt_on_error=1 PYTHONPATH="$PWD/$library" \
+    UBSAN_OPTIONS=halt_on_error=1 PYTHONPATH="$PWD/$library:$PWD" \
     .venv/bin/python -P -m pytest -p no:cacheprovider --timeout 600 "$@"
