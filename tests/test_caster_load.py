@@ -310,7 +310,7 @@ def test_the_knee_takes_what_is_nearly_free_and_no_effect_that_is_not_called_for
     chosen = search.choose(model)
     every = search.candidates(model)
     knee = search._knee("hard", model)
-    good = [one for one in every if knee(one.expected)]
+    good = [one for one in every if knee.holds(one.expected)]
     full = forecast_cost(search._everything_on("hard"), search.forecaster, model)
     most = min(one.ms for one in good) + NEARLY_FREE * full
     free = [one for one in good if one.ms <= most]
