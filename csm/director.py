@@ -17,7 +17,7 @@ from .director_report import ACTIONS, DirectorReport, Look
 from .errors import ContextError
 from .plans import DEFAULT_OUTPUTS
 from .recommendation import checked_goal, is_exact_goal, recommend_from
-from .renderer import Renderer, Walk
+from .renderer import Renderer, Walk, check_renderer
 from .spaces import as_number, as_whole
 from .timing import total_ms
 
@@ -125,8 +125,7 @@ class Director:
             given = [name for name, value in self._goal.items() if value is not None]
             if given:
                 raise ValueError(f"settings are fixed: they take no goal (got {given[0]} too)")
-        if renderer is not None and not isinstance(renderer, Renderer):
-            raise TypeError(f"renderer must be a csm.Renderer (got {type(renderer).__name__})")
+        check_renderer(renderer)
         if not isinstance(scroll, bool | np.bool_):
             raise TypeError(f"scroll must be True or False (got {scroll!r})")
         self._margin = as_number("margin", margin, 0.0, 1.0)

@@ -19,7 +19,7 @@ from .formats import Recorded
 from .plans import map_bytes
 from .record_rules import GOAL_RANGES
 from .records import known_scene, plain_values, read_values
-from .renderer import Renderer
+from .renderer import Renderer, check_renderer
 from .scene import Scene
 from .search import Forecast, Search
 from .settings import ShadowSettings, maps_text
@@ -205,7 +205,7 @@ class Recommendation(Recorded):
                 "verify needs the scene, of which a file holds only the digest "
                 f"{self.scene_mark['digest']}: give it back by with_scene(scene)"
             )
-        _check_renderer(renderer)
+        check_renderer(renderer)
         repeats = as_whole("repeats", repeats, 1, MOST_REPEATS)
         with ExitStack() as stack:
             renderer = renderer or stack.enter_context(Renderer())
@@ -379,7 +379,7 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
     """
     cameras, suns = _path(camera, Camera, "camera"), _path(sun, Sun, "sun")
     check_kinds(scene=scene)
-    _check_renderer(renderer)
+    check_renderer(renderer)
     goal = checked_goal(max_error, budget_ms, max_bytes)
     if len(cameras) > 1 and len(suns) > 1 and len(cameras) != len(suns):
         raise ValueError(
@@ -526,11 +526,6 @@ def _shown(reason):
     if reason.effect == "shadows":
         return "on" if reason.taken else "off"
     return str(reason.value) if not isinstance(reason.value, float) else f"{reason.value:g}"
-
-
-def _check_renderer(renderer):
-    if renderer is not None and not isinstance(renderer, Renderer):
-        raise TypeError(f"renderer must be a csm.Renderer (got {type(renderer).__name__})")
 
 
 def _path(value, kind, name):

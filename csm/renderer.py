@@ -469,6 +469,12 @@ class Renderer:
                 warnings.warn(text, GLWarning, stacklevel=3)
 
 
+def check_renderer(renderer):
+    """Raise TypeError unless it is a Renderer, or None where one is made."""
+    if renderer is not None and not isinstance(renderer, Renderer):
+        raise TypeError(f"renderer must be a csm.Renderer (got {type(renderer).__name__})")
+
+
 def _frame_info(driver, result, settings, camera, cascades):
     lists = result["lists"]
     return {

@@ -386,8 +386,7 @@ class Search:
         elif count > 1:
             every = self._split(settings)
         # more maps that save nothing are considered where finer ones are wanted than a map can be
-        self._burdens[count] = min(self._burden(one) for one in every)
-        if not moves and self._saves(count):  # neither can be snapped
+        if not moves and self._saves(count, every):  # neither can be snapped
             every += [
                 one
                 for plain in every
@@ -403,10 +402,12 @@ class Search:
         held = [one for one in every if not self.forecaster.has_idle_cascades(one)]
         return held if count > 1 else every
 
-    def _saves(self, count):
+    def _saves(self, count, every):
         """Whether so many maps cost less for an error than fewer do."""
+        burden = min(self._burden(one) for one in every)
         fewer = min((it for n, it in self._burdens.items() if n < count), default=math.inf)
-        return self._burdens[count] <= (1.0 - GAIN) * fewer
+        self._burdens[count] = burden
+        return burden <= (1.0 - GAIN) * fewer
 
     def _split(self, settings):
         """Settings by the scheme that costs least, and by what is seen if that costs less."""

@@ -36,15 +36,23 @@ static box_window window_of(const csm_casters *casters, const double uvz[16]) {
     return out;
 }
 
+/* What of a box a map holds along u or v, below 0 of one beyond it; and the whole of the box. */
+static inline double held_side(const box_window *window, int row, const double centre[2],
+                               const double half[2], double *out_whole) {
+    const double *turn = window->turn[row];
+    const double at = turn[0] * centre[0] + turn[1] * centre[1] + window->shift[row];
+    const double reach = fabs(turn[0]) * half[0] + fabs(turn[1]) * half[1];
+    const double low = at - reach > 0.0 ? at - reach : 0.0;
+    const double high = at + reach < 1.0 ? at + reach : 1.0;
+    *out_whole = 2.0 * reach;
+    return high - low;
+}
+
 static held_box held_by(const box_window *window, const double centre[2], const double half[2]) {
     held_box out = {.share = 1.0, .whole = true};
     for (int row = 0; row < 2; row++) {
-        const double *turn = window->turn[row];
-        const double at = turn[0] * centre[0] + turn[1] * centre[1] + window->shift[row];
-        const double reach = fabs(turn[0]) * half[0] + fabs(turn[1]) * half[1];
-        const double low = at - reach > 0.0 ? at - reach : 0.0;
-        const double high = at + reach < 1.0 ? at + reach : 1.0;
-        const double side = high - low, whole = 2.0 * reach;
+        double whole;
+        const double side = held_side(window, row, centre, half, &whole);
         if (side < 0.0) {
             return (held_box){.share = 0.0};
         }
@@ -98,13 +106,9 @@ void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_
 static bool meets(const box_window *window, const double *centre, const double *half) {
     bool out = true;
     for (int row = 0; row < 2; row++) {
-        const double *turn = window->turn[row];
-        const double at = turn[0] * centre[0] + turn[1] * centre[1] + window->shift[row];
-        const double reach = fabs(turn[0]) * half[0] + fabs(turn[1]) * half[1];
-        const double low = at - reach > 0.0 ? at - reach : 0.0;
-        const double high = at + reach < 1.0 ? at + reach : 1.0;
-        const double side = high - low;
-        out &= (side > 0.0) | ((side == 0.0) & !(reach > 0.0)); /* edge on there is no width */
+        double whole;
+        const double side = held_side(window, row, centre, half, &whole);
+        out &= (side > 0.0) | ((side == 0.0) & !(whole > 0.0)); /* edge on there is no width */
     }
     return out;
 }
