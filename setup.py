@@ -26,8 +26,8 @@ GL = (
 )
 PY = (
     "errors arrays scene_arguments core_functions coverage_functions coarse_functions"
-    " coarse_map_functions forecast_functions forecast_sum_functions settings_functions"
-    " renderer_type module"
+    " coarse_map_functions arrange_functions forecast_functions forecast_sum_functions"
+    " settings_functions renderer_type module"
 )
 FOLDERS = {"core": CORE, "gl": GL, "py": PY}
 SOURCES = [f"csrc/{folder}/{name}.c" for folder, names in FOLDERS.items() for name in names.split()]

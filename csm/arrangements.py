@@ -1,14 +1,11 @@
 """What windows of cascades make of a coarse view, whatever the size of their maps."""
 
-from dataclasses import dataclass
 from functools import cached_property
 
-import numpy as np
-
 from . import _core
-from .cascades import fit_checked
+from .cascades import part_boxes
 
-__all__ = ["FARTHEST", "LEFT_OUT", "USUAL", "Arranged", "arrange", "fit_windows", "narrowest"]
+__all__ = ["FARTHEST", "LEFT_OUT", "USUAL", "Arranged", "narrowest"]
 
 # An edge cannot move further than the shadow is wide, which is not known: pixels at which it ends.
 FARTHEST = 8.0
@@ -22,101 +19,75 @@ BIAS_TEXELS, STEEPEST = 0.25, 1000.0
 LEFT_OUT = 0.05
 
 
-@dataclass(frozen=True)
 class Arranged:
-    """What windows make of a view, by maps of one texel: sizes divide it.
+    """Windows round what a view shows, and what they make of it.
+
+    By maps of one texel: sizes divide it. What holds at every point is worked out when it is asked
+    for: most windows are only compared by their sums.
 
     Attributes
     ----------
-    moved : (e,) float64
-        How far edges are displaced on average [pixels].
-    reach : (e,) float64
-        Across edges, of a disc as wide as the map [pixels].
-    edge_cascade, receiver_cascade : (e,), (m,) int
-        That answer for edges and receivers.
-    receiver_bias : (m,) float64
-        Along the light [m].
-    displaced : list of float
-        Edges' displacements by each cascade, times their lengths [pixels²].
+    uvz_from_world : (n, 4, 4) float64
     windows : (n,) float64
         Longer side of each window [m].
+    displaced : list of float
+        Edges' displacements by each cascade, times their lengths [pixels²].
     held : list of bool
         Whether receivers lie between each one's splits.
     """
 
-    moved: np.ndarray
-    reach: np.ndarray
-    edge_cascade: np.ndarray
-    receiver_bias: np.ndarray
-    receiver_cascade: np.ndarray
-    displaced: list[float]
-    windows: np.ndarray
-    held: list[bool]
+    def __init__(self, view, settings, scene):
+        self._view, self._by_interval = view, settings.select == "interval"
+        # windows round a sample alone would be smaller than real ones, and leave out edges
+        self.uvz_from_world, self._splits, self.windows, self.displaced, self.held = _core.arrange(
+            view,
+            settings,
+            scene.bounds.ravel(),
+            part_boxes(scene) if settings.fit == "focus" else None,
+            FARTHEST * USUAL,
+        )
 
     @cached_property
     def wide(self):
         """Which windows hold more than nothing (n,)."""
         return self.windows > NOTHING * self.windows.max()
 
+    @cached_property
+    def _points(self):
+        return _core.arranged_points(
+            self._view,
+            self.uvz_from_world,
+            self._splits,
+            self.windows,
+            self._by_interval,
+            BIAS_TEXELS,
+            STEEPEST,
+        )
 
-def fit_windows(view, settings, scene):
-    """Windows round what a view shows.
+    @property
+    def moved(self):
+        """How far edges are displaced on average (e,) float64 [pixels]."""
+        return self._points[0]
 
-    Parameters
-    ----------
-    view : View
-    settings : ShadowSettings
-    scene : Scene
+    @property
+    def reach(self):
+        """Across edges, of a disc as wide as the map (e,) float64 [pixels]."""
+        return self._points[1]
 
-    Returns
-    -------
-    cascades : Cascades
-    """
-    # windows round a sample alone would be smaller than real ones, and leave out edges
-    return fit_checked(view.camera, view.sun, settings, scene, view.held)
+    @property
+    def edge_cascade(self):
+        """Cascades that answer for edges (e,) int."""
+        return self._points[2]
 
+    @property
+    def receiver_bias(self):
+        """Of receivers, along the light (m,) float64 [m]."""
+        return self._points[3]
 
-def arrange(view, cascades, by_interval):
-    """Read what windows make of a view's edges and receivers.
-
-    Parameters
-    ----------
-    view : View
-    cascades : Cascades
-        From `fit_windows`.
-    by_interval : bool
-        Whether slices say which window answers, instead of the first that holds a point.
-
-    Returns
-    -------
-    arranged : Arranged
-    """
-    windows = cascades.texel_size.max(axis=1) * cascades.map_size
-    moved, reach, edge_cascade, bias, receiver_cascade, displaced, held = _core.arrange(
-        view.camera,
-        cascades.uvz_from_world,
-        cascades.splits,
-        windows,
-        by_interval,
-        view.held,
-        view.gradients,
-        view.axes,
-        view.steps_across,
-        view.edge_lengths,
-        BIAS_TEXELS,
-        STEEPEST,
-        FARTHEST * USUAL,
-    )
-    return Arranged(
-        moved,
-        reach,
-        edge_cascade,
-        bias,
-        receiver_cascade,
-        displaced.tolist(),  # few numbers that much is made of: quicker without arrays
-        windows,
-        held.tolist(),
-    )
+    @property
+    def receiver_cascade(self):
+        """Cascades that answer for receivers (m,) int."""
+        return self._points[4]
 
 
 def narrowest(reach, wide, lengths):

@@ -14,7 +14,7 @@ from .scene import Scene
 from .settings import ShadowSettings
 from .sun import Sun
 
-__all__ = ["Cascades", "bias_metres", "fit_cascades"]
+__all__ = ["Cascades", "bias_metres", "fit_cascades", "part_boxes"]
 
 _KINDS = {"scene": Scene, "camera": Camera, "sun": Sun, "settings": ShadowSettings}
 
@@ -190,11 +190,6 @@ def fit_cascades(camera, sun, settings, *, scene=None, receivers=None, held=None
             raise ValueError(
                 f"receivers must be finite (number {wrong} is {receivers[wrong].tolist()})"
             )
-    return fit_checked(camera, sun, settings, scene, receivers, held)
-
-
-def fit_checked(camera, sun, settings, scene, receivers=None, held=None):
-    """`fit_cascades` of arguments that are known to be right: what is fitted often asks this."""
     fitted = _core.fit_cascades(
         camera,
         sun.to_light,
@@ -202,7 +197,7 @@ def fit_checked(camera, sun, settings, scene, receivers=None, held=None):
         scene_bounds=None if scene is None else scene.bounds.ravel(),
         held=(held.hold or None) if held is not None else None,
         receivers=receivers,
-        boxes=_part_boxes(scene) if settings.fit == "focus" else None,
+        boxes=part_boxes(scene) if settings.fit == "focus" else None,
     )
     return Cascades(**fitted)
 
@@ -254,7 +249,7 @@ _boxes = weakref.WeakKeyDictionary()  # Scene to (m, 6) boxes of its parts
 _boxes_lock = threading.Lock()
 
 
-def _part_boxes(scene):
+def part_boxes(scene):
     """Boxes of a scene's parts, worked out once while it lives; None where there are no parts."""
     if not isinstance(scene, Scene):
         return None

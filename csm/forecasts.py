@@ -8,7 +8,7 @@ from operator import attrgetter
 import numpy as np
 
 from . import _core
-from .arrangements import FARTHEST, USUAL, arrange, fit_windows, narrowest
+from .arrangements import FARTHEST, USUAL, Arranged, narrowest
 from .settings import ShadowSettings, map_sizes
 
 __all__ = ["Expected", "Forecaster", "sides_of"]
@@ -74,7 +74,7 @@ class Forecaster:
 
     def __init__(self, signals, scene):
         self.signals, self._scene, self._known = signals, scene, {}
-        self._fitted, self._wanted, self._loads = {}, {}, {}
+        self._wanted, self._loads = {}, {}
         self._keys, self._numbers = {}, {}
         self._soft = self._wide = None
 
@@ -354,25 +354,17 @@ class Forecaster:
             if settings.turned or settings.warp != "none":
                 self._loads[key] = self.load(settings.replace(turned=False, warp="none"))
             else:
-                self._loads[key] = self.signals.views[0].casters.load(self._windows(0, settings))
+                self._loads[key] = self.signals.views[0].casters.load(self._taken(0, settings))
         return self._loads[key]
 
     def _taken(self, number, settings):
         """What an arrangement of windows makes of one view."""
         key = number, self._key(settings)
         if key not in self._known:
-            view, by_interval = self.signals.views[number], settings.select == "interval"
-            self._known[key] = arrange(view, self._windows(number, settings), by_interval)
-        return self._known[key]
-
-    def _windows(self, number, settings):
-        """Cascades of one view, whatever the selection among them."""
-        key = number, self._key(settings)[0]
-        if key not in self._fitted:
             if any(getattr(settings, name) != value for name, value in SUPPOSED.items()):
                 settings = settings.replace(**SUPPOSED)
-            self._fitted[key] = fit_windows(self.signals.views[number], settings, self._scene)
-        return self._fitted[key]
+            self._known[key] = Arranged(self.signals.views[number], settings, self._scene)
+        return self._known[key]
 
     def _key(self, settings):
         """Numbers of what of settings moves windows, and the selection; read once of each.

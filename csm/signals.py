@@ -49,6 +49,8 @@ PROBE_OUTPUTS = ("mask", "valid", "view_depth", "normal", "cascade_index", "shad
 class View:
     """One camera under one sun, coarsely: arrays of what it sees.
 
+    Receivers, edges and outline are each in the order of view depth.
+
     Attributes
     ----------
     camera : Camera
@@ -125,6 +127,15 @@ class View:
     def held(self):
         """What windows are fitted to (m + e + k, 3): receivers, edges, outline."""
         return frozen(np.concatenate([self.receivers, self.edges, self.outline]))
+
+    @cached_property
+    def held_depths(self):
+        """View depths of those (m + e + k,) [m], ascending within each of the three."""
+        depths = (self.held - self.camera.eye) @ -self.camera.backward
+        ends = np.cumsum([len(self.receivers), len(self.edges), len(self.outline)])
+        for some in np.split(depths, ends[:-1]):
+            np.maximum.accumulate(some, out=some)  # in order but for rounding
+        return frozen(depths)
 
     @cached_property
     def steps_across(self):
@@ -354,14 +365,18 @@ def _look(renderer, scene, camera, sun, spent):
         spend(fine)
         pictures.append((part, fine.view_depth, _facing(fine, sun)))
     outline = outline_of(pictures, ends, axes)
+    outline = outline.take(np.argsort(outline @ -camera.backward, kind="stable"), axis=0)
     stride = max(1, -(-count // RECEIVERS))
     places = np.flatnonzero(facing)[::stride]
+    places = places.take(np.argsort(frame.view_depth.ravel().take(places), kind="stable"))
     rows, columns = np.divmod(places, facing.shape[1])
     receivers = positions_of(small, frame.view_depth, rows, columns)
     normals = frame.normal.reshape(-1, 3).take(places, axis=0).astype(np.float64)
     cosine = np.clip(normals @ sun.to_light, FACING, 1.0)
     in_light = np.abs(normals @ frame.cascades.light_from_world[0][:2, :3].T)
     edges = edges_of(small, frame, judged, lit, shrink)
+    order = np.argsort(frame.view_depth[edges["rows"], edges["columns"]], kind="stable")
+    edges = {name: values.take(order, axis=0) for name, values in edges.items()}
     index = frame.cascade_index[facing]
     return View(
         camera=camera,

@@ -449,6 +449,10 @@ csm_hold csm_hold_none(void);
 typedef struct csm_receivers {
     const double *points; /* point_count x 3, world; NULL if summed up */
     size_t point_count;
+    const double *depths;   /* view depths of the points [m], ascending within each run; NULL: the
+                               points are in any order, and their depths not known */
+    const size_t *run_ends; /* run_count, of which the last is point_count */
+    int run_count;
     bool seen;                       /* summed up: there are any */
     double depth_range[2];           /* least and largest view depth [m] */
     const uint32_t *depth_histogram; /* CSM_DEPTH_BINS over the camera's range: uniform in log
@@ -1211,16 +1215,18 @@ double csm_coarse_layered_share(const csm_coarse_maps *maps, const csm_coarse_po
  */
 
 /* What a camera sees, coarsely: receivers, then points on shadow edges, then others that windows
- * must hold. */
+ * must hold; each of these in the order of view depth. */
+enum { CSM_SEEN_RECEIVERS, CSM_SEEN_EDGES, CSM_SEEN_OTHERS, CSM_SEEN_KINDS };
+
 typedef struct csm_coarse_view {
-    csm_camera camera;
-    const double *points; /* point_count x 3, world [m] */
-    size_t point_count, receiver_count, edge_count;
-    const double *gradients;    /* receiver_count: what a bias is made of [m/m] */
-    double axes[2][3];          /* unit, across the light */
-    const double *steps_across; /* edge_count x 2: how far a metre along each axis leads across an
-                                   edge [pixels] */
-    const double *lengths;      /* edge_count [pixels] */
+    const double *points;        /* world [m], x 3 */
+    const double *depths;        /* view depths [m], ascending within each kind */
+    size_t ends[CSM_SEEN_KINDS]; /* of each kind of points */
+    const double *gradients;     /* of receivers: what a bias is made of [m/m] */
+    double axes[2][3];           /* unit, across the light */
+    const double *steps_across;  /* of edges, x 2: how far a metre along each axis leads across
+                                    an edge [pixels] */
+    const double *lengths;       /* of edges [pixels] */
 } csm_coarse_view;
 
 /* Any windows of parallel light, and which of them answers for a point. */
@@ -1236,16 +1242,21 @@ typedef struct csm_arrangement {
 
 /* By maps of one texel: sizes divide it. The arrays are the caller's. */
 typedef struct csm_arranged {
-    double *moved, *reach;                /* edge_count [pixels] */
-    int *edge_cascade, *receiver_cascade; /* edge_count, receiver_count: which window answers */
-    double *receiver_bias;                /* receiver_count, along the light [m] */
-    double displaced[CSM_MAX_CASCADES];   /* lengths times displacements [pixels²] */
-    bool held[CSM_MAX_CASCADES];          /* whether a point lies between the splits */
+    double *moved, *reach;                /* of edges: displacement, and how far across them a disc
+                                             as wide as the map reaches [pixels] */
+    int *edge_cascade, *receiver_cascade; /* which window answers */
+    double *receiver_bias;                /* along the light [m] */
 } csm_arranged;
 
 /* INVALID_ARGUMENT if a window does not spread over both axes where an edge takes it. */
 csm_status csm_arrange(const csm_coarse_view *view, const csm_arrangement *windows,
                        csm_arranged *out, csm_error *err);
+
+/* Of each window the lengths of its edges times their displacements [pixels²], and whether points
+ * lie between its splits. */
+csm_status csm_sum_displaced(const csm_coarse_view *view, const csm_arrangement *windows,
+                             double out_displaced[CSM_MAX_CASCADES],
+                             bool out_held[CSM_MAX_CASCADES], csm_error *err);
 
 /* Values at points under maps of several sizes. sides: size_count x columns; with one column all
  * windows have it, else point i takes column window[i], which must be one. */

@@ -1,12 +1,15 @@
 /* arranged.c: what windows of cascades make of a coarse view, whatever the size of their maps.
  *
- * In: points of a view, windows as matrices. Out: for each shadow edge how far a map of one texel
- * displaces it, for each receiver its bias, and which window answers for either. docs/numerics.md
- * 13 has the formulas.
+ * In: points of a view, windows as matrices. Out: which window answers for each shadow edge and
+ * each receiver, and how far a map of one texel displaces edges: of each, or summed up.
+ * docs/numerics.md 13 has the formulas.
  */
-#include "linalg.h"
+#include <stdlib.h>
 
 #include "csm.h"
+#include "linalg.h"
+
+#define BLOCK 64 /* edges whose displacements are summed up at once */
 
 /* Place on a map without a warp. */
 static void affine_place(const double uvz[16], const double p[3], double out_uv[2]) {
@@ -35,6 +38,25 @@ static int slice_of(const csm_arrangement *windows, double depth) {
         slice++;
     }
     return slice;
+}
+
+/* The end of those of ascending depths from begin on that lie in one slice, *out. */
+static size_t end_of_slice(const csm_arrangement *windows, const double *depths, size_t begin,
+                           size_t end, int *out) {
+    *out = slice_of(windows, depths[begin]);
+    if (*out == windows->count - 1) {
+        return end;
+    }
+    const double split = windows->splits[*out + 1];
+    while (begin < end) {
+        const size_t middle = begin + (end - begin) / 2;
+        if (depths[middle] > split) {
+            end = middle;
+        } else {
+            begin = middle + 1;
+        }
+    }
+    return begin;
 }
 
 /* The first map that holds a point; what none holds is left to the last. */
@@ -78,72 +100,171 @@ static bool metres_of(const csm_coarse_view *view, const double uvz[16], const d
     return volume != 0.0;
 }
 
-/* An edge displaced by a map of one texel: the mean of |a . d| over the square of half a texel
- * either way, and the reach of a disc as wide as the map, an ellipse in the picture. */
-static void displace(const double steps[2], double metres[2][2], double *out_moved,
-                     double *out_reach) {
-    const double u = fabs(steps[0] * metres[0][0] + steps[1] * metres[1][0]);
-    const double v = fabs(steps[0] * metres[0][1] + steps[1] * metres[1][1]);
-    const double least = u < v ? u : v, most = u < v ? v : u;
-    *out_moved = most / 4.0 + least * least / (12.0 * (most > 1e-12 ? most : 1e-12));
-    *out_reach = sqrt(u * u + v * v);
+/* Which window answers for points begin to end: those of one kind. */
+static void choose_windows(const csm_coarse_view *view, const csm_arrangement *windows,
+                           const bool *affine, size_t begin, size_t end, int *out) {
+    if (!windows->by_interval) {
+        for (size_t k = begin; k < end; k++) {
+            *out++ = map_of(windows, affine, view->points + 3 * k);
+        }
+        return;
+    }
+    for (size_t k = begin, next; k < end; k = next) {
+        int slice;
+        next = end_of_slice(windows, view->depths, k, end, &slice);
+        for (size_t i = k; i < next; i++) {
+            *out++ = slice;
+        }
+    }
 }
 
-static csm_status arrange_edges(const csm_coarse_view *view, const csm_arrangement *windows,
-                                const bool *affine, csm_arranged *out, csm_error *err) {
-    double metres[CSM_MAX_CASCADES][2][2];
-    bool spread[CSM_MAX_CASCADES];
-    const double *edges = view->points + 3 * view->receiver_count;
+/* A way across an edge taken back to a map: its longer and its shorter side there. */
+typedef struct sides {
+    double most, least;
+} sides;
+
+static inline sides sides_of(const double steps[2], double metres[2][2]) {
+    const double u = fabs(steps[0] * metres[0][0] + steps[1] * metres[1][0]);
+    const double v = fabs(steps[0] * metres[0][1] + steps[1] * metres[1][1]);
+    return (sides){.most = u < v ? v : u, .least = u < v ? u : v};
+}
+
+/* An edge displaced by a map of one texel: the mean of |a . d| over the square of half a texel
+ * either way. */
+static inline double displacement(sides of) {
+    const double most = of.most > 1e-12 ? of.most : 1e-12;
+    return of.most / 4.0 + of.least * of.least / (12.0 * most);
+}
+
+/* Edges in a row that one window answers for: [begin, end), counted from the first edge, and the
+ * metres along the axes over its map. Of a warped map these are an edge's own. */
+typedef struct edge_run {
+    size_t begin, end;
+    int window;
+    double metres[2][2];
+} edge_run;
+
+typedef struct edge_reader {
+    const csm_coarse_view *view;
+    const csm_arrangement *windows;
+    const int *taken; /* of each edge */
+    bool affine[CSM_MAX_CASCADES], spread[CSM_MAX_CASCADES];
+    double metres[CSM_MAX_CASCADES][2][2]; /* of affine maps */
+} edge_reader;
+
+static void read_windows(const csm_coarse_view *view, const csm_arrangement *windows,
+                         edge_reader *out) {
+    out->view = view;
+    out->windows = windows;
     for (int i = 0; i < windows->count; i++) {
-        spread[i] =
-            !affine[i] || metres_of(view, windows->uvz_from_world[i], (double[3]){0.0}, metres[i]);
+        const double *uvz = windows->uvz_from_world[i];
+        out->affine[i] = is_affine(uvz);
+        out->spread[i] = out->affine[i] && metres_of(view, uvz, (double[3]){0.0}, out->metres[i]);
     }
-    for (size_t k = 0; k < view->edge_count; k++) {
-        const int i = out->edge_cascade[k];
-        if (!affine[i]) {
-            spread[i] = metres_of(view, windows->uvz_from_world[i], edges + 3 * k, metres[i]);
+}
+
+static size_t edge_count(const csm_coarse_view *view) {
+    return view->ends[CSM_SEEN_EDGES] - view->ends[CSM_SEEN_RECEIVERS];
+}
+
+/* The run that begins at an edge. */
+static csm_status next_run(const edge_reader *edges, size_t begin, edge_run *out, csm_error *err) {
+    const int window = edges->taken[begin];
+    bool spread = edges->spread[window];
+    *out = (edge_run){.begin = begin, .end = begin + 1, .window = window};
+    if (edges->affine[window]) {
+        memcpy(out->metres, edges->metres[window], sizeof out->metres);
+        const size_t count = edge_count(edges->view);
+        while (out->end < count && edges->taken[out->end] == window) {
+            out->end++;
         }
-        if (!spread[i]) {
-            return csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
-                            "uvz_from_world must map the plane across the light to an area (that "
-                            "of cascade %d does not)",
-                            i);
-        }
-        displace(view->steps_across + 2 * k, metres[i], &out->moved[k], &out->reach[k]);
-        const double moved = out->moved[k];
-        out->displaced[i] +=
-            view->lengths[k] * (moved < windows->most_moved ? moved : windows->most_moved);
+    } else {
+        const double *point =
+            edges->view->points + 3 * (edges->view->ends[CSM_SEEN_RECEIVERS] + begin);
+        spread = metres_of(edges->view, edges->windows->uvz_from_world[window], point, out->metres);
     }
-    return CSM_OK;
+    return spread ? CSM_OK
+                  : csm_fail(err, CSM_ERROR_INVALID_ARGUMENT,
+                             "uvz_from_world must map the plane across the light to an area (that "
+                             "of cascade %d does not)",
+                             window);
 }
 
 csm_status csm_arrange(const csm_coarse_view *view, const csm_arrangement *windows,
                        csm_arranged *out, csm_error *err) {
-    const csm_camera *camera = &view->camera;
-    memset(out->displaced, 0, sizeof out->displaced);
-    memset(out->held, 0, sizeof out->held);
-    bool affine[CSM_MAX_CASCADES];
-    for (int i = 0; i < windows->count; i++) {
-        affine[i] = is_affine(windows->uvz_from_world[i]);
-    }
-    for (size_t k = 0; k < view->point_count; k++) {
-        const double *p = view->points + 3 * k;
-        const double from_eye[3] = {p[0] - camera->eye[0], p[1] - camera->eye[1],
-                                    p[2] - camera->eye[2]};
-        const int slice = slice_of(windows, -vec3_dot(camera->backward, from_eye));
-        out->held[slice] = true;
-        if (k >= view->receiver_count + view->edge_count) {
-            continue;
-        }
-        const int taken = windows->by_interval ? slice : map_of(windows, affine, p);
-        if (k >= view->receiver_count) {
-            out->edge_cascade[k - view->receiver_count] = taken;
-            continue;
-        }
+    edge_reader edges;
+    edge_run run;
+    read_windows(view, windows, &edges);
+    const size_t receivers = view->ends[CSM_SEEN_RECEIVERS];
+    choose_windows(view, windows, edges.affine, 0, receivers, out->receiver_cascade);
+    choose_windows(view, windows, edges.affine, receivers, view->ends[CSM_SEEN_EDGES],
+                   out->edge_cascade);
+    edges.taken = out->edge_cascade;
+    for (size_t k = 0; k < receivers; k++) {
         const double gradient = view->gradients[k];
-        out->receiver_cascade[k] = taken;
-        out->receiver_bias[k] = windows->bias_texels * windows->sides[taken] *
+        out->receiver_bias[k] = windows->bias_texels * windows->sides[out->receiver_cascade[k]] *
                                 (gradient < windows->steepest ? gradient : windows->steepest);
     }
-    return arrange_edges(view, windows, affine, out, err);
+    csm_status status = CSM_OK;
+    for (size_t k = 0; k < edge_count(view) && status == CSM_OK; k = run.end) {
+        status = next_run(&edges, k, &run, err);
+        for (size_t i = k; i < run.end; i++) {
+            const sides of = sides_of(view->steps_across + 2 * i, run.metres);
+            out->moved[i] = displacement(of);
+            out->reach[i] = sqrt(of.most * of.most + of.least * of.least);
+        }
+    }
+    return status;
+}
+
+/* In blocks: the displacements in vectors, which a sum in order would not let be. */
+static double sum_of_run(const csm_coarse_view *view, edge_run *run, double most_moved) {
+    double sum = 0.0;
+    for (size_t i = run->begin; i < run->end; i += BLOCK) {
+        double moved[BLOCK];
+        const size_t count = run->end - i < BLOCK ? run->end - i : BLOCK;
+        for (size_t k = 0; k < count; k++) {
+            const double one =
+                displacement(sides_of(view->steps_across + 2 * (i + k), run->metres));
+            moved[k] = view->lengths[i + k] * (one < most_moved ? one : most_moved);
+        }
+        for (size_t k = 0; k < count; k++) {
+            sum += moved[k];
+        }
+    }
+    return sum;
+}
+
+csm_status csm_sum_displaced(const csm_coarse_view *view, const csm_arrangement *windows,
+                             double out_displaced[CSM_MAX_CASCADES],
+                             bool out_held[CSM_MAX_CASCADES], csm_error *err) {
+    edge_reader edges;
+    edge_run run;
+    csm_status status = CSM_OK;
+    memset(out_displaced, 0, CSM_MAX_CASCADES * sizeof *out_displaced);
+    memset(out_held, 0, CSM_MAX_CASCADES * sizeof *out_held);
+    size_t begin = 0;
+    for (int kind = 0; kind < CSM_SEEN_KINDS; kind++) {
+        while (begin < view->ends[kind]) {
+            int slice;
+            begin = end_of_slice(windows, view->depths, begin, view->ends[kind], &slice);
+            out_held[slice] = true;
+        }
+    }
+    int *taken = malloc((edge_count(view) + 1) * sizeof *taken);
+    if (!taken) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory to read edges");
+    }
+    read_windows(view, windows, &edges);
+    choose_windows(view, windows, edges.affine, view->ends[CSM_SEEN_RECEIVERS],
+                   view->ends[CSM_SEEN_EDGES], taken);
+    edges.taken = taken;
+    for (size_t k = 0; k < edge_count(view) && status == CSM_OK; k = run.end) {
+        status = next_run(&edges, k, &run, err);
+        if (status == CSM_OK) {
+            out_displaced[run.window] += sum_of_run(view, &run, windows->most_moved);
+        }
+    }
+    free(taken);
+    return status;
 }

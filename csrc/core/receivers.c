@@ -19,6 +19,21 @@ static double view_depth(const csm_camera *camera, const double point[3]) {
     return -vec3_dot(camera->backward, from_eye);
 }
 
+/* The first of ascending depths from begin on that is beyond a depth, or, with its own, not before
+ * it. */
+static size_t first_beyond(const double *depths, size_t begin, size_t end, double depth,
+                           bool or_at) {
+    while (begin < end) {
+        const size_t middle = begin + (end - begin) / 2;
+        if (depths[middle] > depth || (or_at && depths[middle] == depth)) {
+            end = middle;
+        } else {
+            begin = middle + 1;
+        }
+    }
+    return begin;
+}
+
 static int depth_bin(const csm_camera *camera, double depth) {
     const double near_depth = camera->near_depth, far_depth = camera->far_depth;
     const double share = near_depth > 0.0 ? log(depth / near_depth) / log(far_depth / near_depth)
@@ -27,10 +42,44 @@ static int depth_bin(const csm_camera *camera, double depth) {
     return bin < 0 ? 0 : bin < CSM_DEPTH_BINS ? bin : CSM_DEPTH_BINS - 1;
 }
 
+static void sum_up_points(const csm_cascades_desc *desc, double range[2], uint32_t *histogram) {
+    const csm_receivers *seen = desc->receivers;
+    const csm_camera *camera = &desc->camera;
+    for (size_t i = 0; i < seen->point_count; i++) {
+        const double depth = view_depth(camera, seen->points + 3 * i);
+        if (!(depth >= camera->near_depth && depth <= camera->far_depth)) {
+            continue;
+        }
+        range[0] = depth < range[0] ? depth : range[0];
+        range[1] = depth > range[1] ? depth : range[1];
+        if (histogram) {
+            histogram[depth_bin(camera, depth)]++;
+        }
+    }
+}
+
+/* The same of points in order: the ends of what is in range tell all but the histogram. */
+static void sum_up_runs(const csm_cascades_desc *desc, double range[2], uint32_t *histogram) {
+    const csm_receivers *seen = desc->receivers;
+    const csm_camera *camera = &desc->camera;
+    size_t begin = 0;
+    for (int run = 0; run < seen->run_count; begin = seen->run_ends[run++]) {
+        const size_t end = seen->run_ends[run];
+        const size_t first = first_beyond(seen->depths, begin, end, camera->near_depth, true);
+        const size_t last = first_beyond(seen->depths, first, end, camera->far_depth, false);
+        if (first < last) {
+            range[0] = fmin(range[0], seen->depths[first]);
+            range[1] = fmax(range[1], seen->depths[last - 1]);
+        }
+        for (size_t i = first; histogram && i < last; i++) {
+            histogram[depth_bin(camera, seen->depths[i])]++;
+        }
+    }
+}
+
 bool csm_receivers_depths(const csm_cascades_desc *desc, double out_range[2],
                           uint32_t histogram[CSM_DEPTH_BINS]) {
     const csm_receivers *seen = desc->receivers;
-    const csm_camera *camera = &desc->camera;
     if (!seen->points) {
         memcpy(out_range, seen->depth_range, 2 * sizeof *out_range);
         if (histogram) {
@@ -43,16 +92,10 @@ bool csm_receivers_depths(const csm_cascades_desc *desc, double out_range[2],
     if (histogram) {
         memset(histogram, 0, CSM_DEPTH_BINS * sizeof *histogram);
     }
-    for (size_t i = 0; i < seen->point_count; i++) {
-        const double depth = view_depth(camera, seen->points + 3 * i);
-        if (!(depth >= camera->near_depth && depth <= camera->far_depth)) {
-            continue;
-        }
-        out_range[0] = depth < out_range[0] ? depth : out_range[0];
-        out_range[1] = depth > out_range[1] ? depth : out_range[1];
-        if (histogram) {
-            histogram[depth_bin(camera, depth)]++;
-        }
+    if (seen->depths) {
+        sum_up_runs(desc, out_range, histogram);
+    } else {
+        sum_up_points(desc, out_range, histogram);
     }
     return out_range[0] <= out_range[1];
 }
@@ -64,17 +107,35 @@ static void relative_to_eye(const csm_cascades_desc *desc, size_t k, double out[
     }
 }
 
-/* The cascade whose receiver a point is, and where it lies relative to the eye; false if none. */
-static bool cascade_of(const csm_cascades_desc *desc, const csm_cascades *cascades, size_t k,
-                       int *out, double out_from_eye[3]) {
-    relative_to_eye(desc, k, out_from_eye);
-    const double depth = -vec3_dot(desc->camera.backward, out_from_eye);
-    for (*out = 0; *out < cascades->count; ++*out) {
-        if (depth <= cascades->splits[*out + 1]) {
-            return true;
+#define NO_CASCADE CSM_MAX_CASCADES
+
+/* The cascade whose receiver a point of that view depth is. */
+static int cascade_at(const csm_cascades *cascades, double depth) {
+    for (int i = 0; i < cascades->count; i++) {
+        if (depth <= cascades->splits[i + 1]) {
+            return i;
         }
     }
-    return false;
+    return NO_CASCADE;
+}
+
+/* The end of the points from begin on that are receivers of one cascade, *out: of points in order
+ * as many as there are in a row. */
+static size_t next_receivers(const csm_cascades_desc *desc, const csm_cascades *cascades,
+                             size_t begin, int *out) {
+    const csm_receivers *seen = desc->receivers;
+    if (!seen->depths) {
+        *out = cascade_at(cascades, view_depth(&desc->camera, seen->points + 3 * begin));
+        return begin + 1;
+    }
+    int run = 0;
+    while (seen->run_ends[run] <= begin) {
+        run++;
+    }
+    *out = cascade_at(cascades, seen->depths[begin]);
+    return *out == NO_CASCADE ? seen->run_ends[run]
+                              : first_beyond(seen->depths, begin, seen->run_ends[run],
+                                             cascades->splits[*out + 1], false);
 }
 
 /* Light axes x and y turned by an angle about light z. */
@@ -109,41 +170,41 @@ void csm_receivers_enclose(const csm_cascades_desc *desc, const csm_cascades *ca
         }
         out[i] = seen->points ? csm_rectangle_nothing() : enclose_boxes(seen, i, cascades->count);
     }
-    for (size_t k = 0; seen->points && k < seen->point_count; k++) {
+    size_t k = 0;
+    while (seen->points && k < seen->point_count) {
         int i;
-        double from_eye[3], at[3];
-        if (cascade_of(desc, cascades, k, &i, from_eye)) {
-            mat4_rotate(axes[i], from_eye, at);
-            csm_rectangle_grow(&out[i], at, at);
+        const size_t end = next_receivers(desc, cascades, k, &i);
+        csm_rectangle own = i == NO_CASCADE ? csm_rectangle_nothing() : out[i];
+        for (; k < end; k++) {
+            double from_eye[3], at[3];
+            relative_to_eye(desc, k, from_eye);
+            mat4_rotate(axes[i == NO_CASCADE ? 0 : i], from_eye, at);
+            csm_rectangle_grow(&own, at, at);
+        }
+        if (i != NO_CASCADE) {
+            out[i] = own;
         }
     }
 }
 
-/* The cascade of every point, CSM_MAX_CASCADES for those that are in none. */
-static void class_points(const csm_cascades_desc *desc, const csm_cascades *cascades,
-                         uint8_t *out) {
-    for (size_t k = 0; k < desc->receivers->point_count; k++) {
-        int taken;
-        double from_eye[3];
-        out[k] = cascade_of(desc, cascades, k, &taken, from_eye) ? (uint8_t)taken
-                                                                 : (uint8_t)CSM_MAX_CASCADES;
-    }
-}
-
-/* Corners of the receivers' boxes, or the points themselves, of cascade i in light x, y; room for
- * four for each box. */
-static size_t corners_of(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
-                         const uint8_t *taken, double (*out)[2]) {
-    const csm_receivers *seen = desc->receivers;
+/* Corners of the receivers' boxes of cascade i in light x, y; room for four for each box. */
+static size_t corners_of_boxes(const csm_receivers *seen, int cascades, int i, double (*out)[2]) {
     size_t count = 0;
-    for (size_t k = 0; !seen->points && k < seen->box_count; k++) {
-        const float *box = seen->boxes + 4 * (k * (size_t)cascades->count + (size_t)i);
+    for (size_t k = 0; k < seen->box_count; k++) {
+        const float *box = seen->boxes + 4 * (k * (size_t)cascades + (size_t)i);
         for (int corner = 0; corner < 4 && box[0] <= box[2]; corner++) {
             out[count][0] = box[corner & 1 ? 2 : 0];
             out[count++][1] = box[corner & 2 ? 3 : 1];
         }
     }
-    for (size_t k = 0; seen->points && k < seen->point_count; k++) {
+    return count;
+}
+
+/* The receivers of cascade i in light x, y; room for all of them. */
+static size_t points_of(const csm_cascades_desc *desc, const csm_cascades *cascades, int i,
+                        const uint8_t *taken, double (*out)[2]) {
+    size_t count = 0;
+    for (size_t k = 0; k < desc->receivers->point_count; k++) {
         if (taken[k] == i) {
             double from_eye[3], at[3];
             relative_to_eye(desc, k, from_eye);
@@ -152,6 +213,18 @@ static size_t corners_of(const csm_cascades_desc *desc, const csm_cascades *casc
         }
     }
     return count;
+}
+
+/* The cascade of every point. */
+static void class_points(const csm_cascades_desc *desc, const csm_cascades *cascades,
+                         uint8_t *out) {
+    size_t k = 0;
+    while (k < desc->receivers->point_count) {
+        int taken;
+        const size_t begin = k;
+        k = next_receivers(desc, cascades, k, &taken);
+        memset(out + begin, taken, k - begin);
+    }
 }
 
 csm_status csm_receivers_turns(const csm_cascades_desc *desc, const csm_cascades *cascades,
@@ -169,7 +242,9 @@ csm_status csm_receivers_turns(const csm_cascades_desc *desc, const csm_cascades
         class_points(desc, cascades, taken);
     }
     for (int i = 0; i < cascades->count; i++) {
-        const size_t count = csm_outer_points(points, corners_of(desc, cascades, i, taken, points));
+        size_t count = seen->points ? points_of(desc, cascades, i, taken, points)
+                                    : corners_of_boxes(seen, cascades->count, i, points);
+        count = csm_outer_points(points, count);
         double(*hull)[2] = points + count;
         const size_t corners = csm_convex_hull(points, count, 0.0, most + 1, hull);
         out_turns[i] = csm_smallest_rectangle((const double(*)[2])hull, corners);

@@ -1,10 +1,9 @@
-/* forecast_functions.c: what windows and sizes make of a coarse view, for Python. */
+/* forecast_functions.c: what casters lay on windows, for Python. */
 #include "py_common.h"
 
 #include <string.h>
 
-/* 1 to CSM_MAX_CASCADES windows, from PyMem_Malloc; 0, or -1 with an exception. */
-static int parse_windows(PyObject *object, double **out, npy_intp *count) {
+int csm_py_windows(PyObject *object, double **out, npy_intp *count) {
     if (csm_py_matrices(object, "uvz_from_world", out, count) < 0) {
         return -1;
     }
@@ -18,140 +17,6 @@ static int parse_windows(PyObject *object, double **out, npy_intp *count) {
 
 static PyArrayObject *new_numbers(npy_intp count, int type) {
     return (PyArrayObject *)PyArray_SimpleNew(1, &count, type);
-}
-
-/* -- arrange ---------------------------------------------------------------------------------- */
-
-enum { POINTS, GRADIENTS, STEPS, LENGTHS, VIEW_ARRAYS };
-
-typedef struct arrange_arguments {
-    csm_coarse_view view;
-    csm_arrangement windows;
-    double *matrices, splits[CSM_MAX_CASCADES + 1], sides[CSM_MAX_CASCADES];
-    PyArrayObject *arrays[VIEW_ARRAYS];
-} arrange_arguments;
-
-static int parse_view(PyObject *const objects[VIEW_ARRAYS], PyObject *axes, arrange_arguments *in) {
-    double flat[6];
-    in->arrays[POINTS] = csm_py_rows(objects[POINTS], "points", NPY_DOUBLE, 3);
-    in->arrays[GRADIENTS] = csm_py_rows(objects[GRADIENTS], "gradients", NPY_DOUBLE, 0);
-    in->arrays[LENGTHS] = csm_py_rows(objects[LENGTHS], "lengths", NPY_DOUBLE, 0);
-    if (!in->arrays[POINTS] || !in->arrays[GRADIENTS] || !in->arrays[LENGTHS] ||
-        csm_py_vector(axes, "axes", 6, flat) < 0) {
-        return -1;
-    }
-    const npy_intp points = PyArray_DIM(in->arrays[POINTS], 0);
-    const npy_intp receivers = PyArray_DIM(in->arrays[GRADIENTS], 0);
-    const npy_intp edges = PyArray_DIM(in->arrays[LENGTHS], 0);
-    in->arrays[STEPS] = csm_py_counted_rows(objects[STEPS], "steps_across", NPY_DOUBLE, 2, edges);
-    if (!in->arrays[STEPS]) {
-        return -1;
-    }
-    if (points < receivers + edges) {
-        PyErr_Format(PyExc_ValueError,
-                     "points must begin with those of %zd gradients and %zd lengths (got %zd)",
-                     (Py_ssize_t)receivers, (Py_ssize_t)edges, (Py_ssize_t)points);
-        return -1;
-    }
-    memcpy(in->view.axes, flat, sizeof in->view.axes);
-    in->view.points = PyArray_DATA(in->arrays[POINTS]);
-    in->view.gradients = PyArray_DATA(in->arrays[GRADIENTS]);
-    in->view.steps_across = PyArray_DATA(in->arrays[STEPS]);
-    in->view.lengths = PyArray_DATA(in->arrays[LENGTHS]);
-    in->view.point_count = (size_t)points;
-    in->view.receiver_count = (size_t)receivers;
-    in->view.edge_count = (size_t)edges;
-    return 0;
-}
-
-static int parse_arrangement(PyObject *matrices, PyObject *splits, PyObject *sides,
-                             arrange_arguments *in) {
-    npy_intp count;
-    if (parse_windows(matrices, &in->matrices, &count) < 0 ||
-        csm_py_vector(splits, "splits", (int)count + 1, in->splits) < 0 ||
-        csm_py_vector(sides, "sides", (int)count, in->sides) < 0) {
-        return -1;
-    }
-    in->windows.count = (int)count;
-    in->windows.uvz_from_world = (const double(*)[16])in->matrices;
-    in->windows.splits = in->splits;
-    in->windows.sides = in->sides;
-    return 0;
-}
-
-static PyObject *arranged(PyObject *module, const arrange_arguments *in) {
-    enum { MOVED, REACH, EDGE_CASCADE, BIAS, RECEIVER_CASCADE, DISPLACED, HELD, OUT };
-    const npy_intp edges = (npy_intp)in->view.edge_count;
-    const npy_intp receivers = (npy_intp)in->view.receiver_count, count = in->windows.count;
-    const struct {
-        npy_intp count;
-        int type;
-    } kinds[OUT] = {{edges, NPY_DOUBLE},     {edges, NPY_DOUBLE},  {edges, NPY_INT},
-                    {receivers, NPY_DOUBLE}, {receivers, NPY_INT}, {count, NPY_DOUBLE},
-                    {count, NPY_BOOL}};
-    PyArrayObject *made[OUT] = {NULL};
-    for (int i = 0; i < OUT; i++) {
-        if (!(made[i] = new_numbers(kinds[i].count, kinds[i].type))) {
-            csm_py_release_arrays(made, OUT);
-            return NULL;
-        }
-    }
-    csm_arranged out = {.moved = PyArray_DATA(made[MOVED]),
-                        .reach = PyArray_DATA(made[REACH]),
-                        .edge_cascade = PyArray_DATA(made[EDGE_CASCADE]),
-                        .receiver_bias = PyArray_DATA(made[BIAS]),
-                        .receiver_cascade = PyArray_DATA(made[RECEIVER_CASCADE])};
-    csm_error err = {0};
-    csm_status status;
-    Py_BEGIN_ALLOW_THREADS
-    status = csm_arrange(&in->view, &in->windows, &out, &err);
-    Py_END_ALLOW_THREADS
-    if (status != CSM_OK) {
-        csm_py_release_arrays(made, OUT);
-        return csm_py_raise(module, &err);
-    }
-    memcpy(PyArray_DATA(made[DISPLACED]), out.displaced, (size_t)count * sizeof *out.displaced);
-    memcpy(PyArray_DATA(made[HELD]), out.held, (size_t)count * sizeof *out.held);
-    return Py_BuildValue("NNNNNNN", made[MOVED], made[REACH], made[EDGE_CASCADE], made[BIAS],
-                         made[RECEIVER_CASCADE], made[DISPLACED], made[HELD]);
-}
-
-PyDoc_STRVAR(
-    arrange_doc,
-    "arrange(camera, uvz_from_world, splits, sides, by_interval, points, gradients, axes, "
-    "steps_across, lengths, bias_texels, steepest, most_moved)\n--\n\n"
-    "(moved, reach, edge_cascade, receiver_bias, receiver_cascade, displaced, held) of a view by "
-    "maps of one texel: (e,), (e,), (e,), (m,), (m,), (n,), (n,). points begin with the m "
-    "receivers, of these gradients, and the e edges, of these steps (e, 2) and lengths.");
-
-static PyObject *arrange(PyObject *module, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"camera",       "uvz_from_world",
-                            "splits",       "sides",
-                            "by_interval",  "points",
-                            "gradients",    "axes",
-                            "steps_across", "lengths",
-                            "bias_texels",  "steepest",
-                            "most_moved",   NULL};
-    PyObject *camera, *matrices, *splits, *sides, *axes, *objects[VIEW_ARRAYS];
-    int by_interval;
-    arrange_arguments in = {.matrices = NULL};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOOpOOOOOddd:arrange", names, &camera,
-                                     &matrices, &splits, &sides, &by_interval, &objects[POINTS],
-                                     &objects[GRADIENTS], &axes, &objects[STEPS], &objects[LENGTHS],
-                                     &in.windows.bias_texels, &in.windows.steepest,
-                                     &in.windows.most_moved)) {
-        return NULL;
-    }
-    in.windows.by_interval = by_interval;
-    PyObject *out = NULL;
-    if (csm_py_parse_camera(camera, &in.view.camera) == 0 &&
-        parse_arrangement(matrices, splits, sides, &in) == 0 &&
-        parse_view(objects, axes, &in) == 0) {
-        out = arranged(module, &in);
-    }
-    PyMem_Free(in.matrices);
-    csm_py_release_arrays(in.arrays, VIEW_ARRAYS);
-    return out;
 }
 
 /* -- casters ----------------------------------------------------------------------------------- */
@@ -176,7 +41,7 @@ static int parse_casters(PyObject *object, PyObject *matrices, caster_arguments 
                               {"cut", NPY_BOOL, 0},
                               {"weight", NPY_DOUBLE, 0}};
     double axes[6];
-    if (parse_windows(matrices, &in->matrices, &in->count) < 0 ||
+    if (csm_py_windows(matrices, &in->matrices, &in->count) < 0 ||
         csm_py_attribute_vector(object, "axes", 6, axes) < 0) {
         return -1;
     }
@@ -326,6 +191,8 @@ static PyObject *casters_order(PyObject *module, PyObject *args, PyObject *kwarg
     { #name, (PyCFunction)(void (*)(void))name, METH_VARARGS | METH_KEYWORDS, name##_doc }
 
 PyMethodDef csm_py_forecast_methods[] = {
-    METHOD(arrange),       METHOD(casters_load),  METHOD(casters_first),
-    METHOD(casters_order), {NULL, NULL, 0, NULL},
+    METHOD(casters_load),
+    METHOD(casters_first),
+    METHOD(casters_order),
+    {NULL, NULL, 0, NULL},
 };
