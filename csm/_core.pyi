@@ -305,27 +305,34 @@ def coarse_blockers(
     maps: _CoarseMaps, points: ArrayLike, normals: ArrayLike, cascade_index: ArrayLike
 ) -> NDArray[np.float64]: ...
 def arrange(
-    camera: _Camera,
+    view: Any,
+    settings: Any,
+    scene_bounds: ArrayLike | None,
+    boxes: ArrayLike | None,
+    most_moved: float,
+    /,
+) -> tuple[
+    NDArray[np.float64],  # uvz_from_world
+    NDArray[np.float64],  # splits
+    NDArray[np.float64],  # sides
+    list[float],  # displaced
+    list[bool],  # held
+]: ...
+def arranged_points(
+    view: Any,
     uvz_from_world: ArrayLike,
     splits: ArrayLike,
     sides: ArrayLike,
     by_interval: bool,
-    points: ArrayLike,
-    gradients: ArrayLike,
-    axes: ArrayLike,
-    steps_across: ArrayLike,
-    lengths: ArrayLike,
     bias_texels: float,
     steepest: float,
-    most_moved: float,
+    /,
 ) -> tuple[
     NDArray[np.float64],  # moved
     NDArray[np.float64],  # reach
     NDArray[np.int32],  # edge_cascade
     NDArray[np.float64],  # receiver_bias
     NDArray[np.int32],  # receiver_cascade
-    NDArray[np.float64],  # displaced
-    NDArray[np.bool_],  # held
 ]: ...
 def sum_capped(
     window: ArrayLike, sides: ArrayLike, values: ArrayLike, weights: ArrayLike, most: float

@@ -2,6 +2,7 @@
 
 import itertools
 import math
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -19,8 +20,13 @@ SUN = csm.Sun((0.5, 1.0, 0.3))
 BIAS, STEEPEST, MOST = 0.25, 4.0, 300.0
 
 
+def in_order(camera, points):
+    """Points in the order of view depth."""
+    return points[np.argsort((points - camera.eye) @ -camera.backward)]
+
+
 def seen(seed, receivers=60, edges=40, others=25, orthographic=False):
-    """A camera, and points that it may see; normals of those on edges, and ways across them."""
+    """What a camera may see, as a `csm.signals.View` has it; normals and ways across of edges."""
     rng = np.random.default_rng(seed)
     eye, target = (0.0, 6.0, 20.0), (1.0, 0.0, 0.0)
     make = csm.Camera.orthographic if orthographic else csm.Camera.look_at
@@ -29,23 +35,32 @@ def seen(seed, receivers=60, edges=40, others=25, orthographic=False):
     depth = rng.uniform(1.0, 60.0, (count, 1))
     aside = rng.uniform(-0.7, 0.7, (count, 2)) * (8.0 if orthographic else depth)
     points = camera.eye - depth * camera.backward + aside @ np.stack([camera.right, camera.up])
+    kinds = np.split(points, [receivers, receivers + edges])
+    points = np.concatenate([in_order(camera, some) for some in kinds])
     normals = SUN.to_light + rng.normal(scale=0.4, size=(edges, 3))
     normals /= np.linalg.norm(normals, axis=1)[:, None]
     angle = rng.uniform(0.0, 2.0 * np.pi, edges)
-    across = np.stack([np.cos(angle), np.sin(angle)], axis=1)
-    return camera, points, normals, across, rng.uniform(0, 8, receivers), rng.uniform(0, 3, edges)
+    across, axes = np.stack([np.cos(angle), np.sin(angle)], axis=1), light_gradients(SUN)
+    at = points[receivers : receivers + edges]
+    view = SimpleNamespace(
+        camera=camera,
+        sun=SUN,
+        held=points,
+        held_depths=(points - camera.eye) @ -camera.backward,
+        gradients=rng.uniform(0, 8, receivers),
+        edge_lengths=rng.uniform(0, 3, edges),
+        axes=axes,
+        steps_across=np.einsum("ea,eak->ek", across, surface_steps(camera, at, normals, axes)),
+    )
+    return view, normals, across
 
 
-def arranged(camera, cascades, select, points, normals, across, gradients, lengths):
-    """The core's answer, and the windows' longer sides [m]."""
-    edges = points[len(gradients) : len(gradients) + len(lengths)]
-    axes = light_gradients(SUN)
-    steps = np.einsum("ea,eak->ek", across, surface_steps(camera, edges, normals, axes))
+def points_told(view, cascades, select):
+    """What the core says of every point, and the windows' longer sides [m]."""
     sides = cascades.texel_size.max(axis=1) * cascades.map_size
-    return _core.arrange(
-        camera, cascades.uvz_from_world, cascades.splits, sides, select == "interval",
-        points, gradients, axes, steps, lengths, BIAS, STEEPEST, MOST,
-    ), sides  # fmt: skip
+    return _core.arranged_points(
+        view, cascades.uvz_from_world, cascades.splits, sides, select == "interval", BIAS, STEEPEST
+    ), sides
 
 
 def place(matrix, point):
@@ -80,25 +95,25 @@ CASES = [
 
 @pytest.mark.parametrize(("count", "select", "changes", "orthographic"), CASES)
 def test_a_view_is_arranged_as_its_definition_says(count, select, changes, orthographic):
-    camera, points, normals, across, gradients, lengths = seen(7, orthographic=orthographic)
+    view, normals, across = seen(7, orthographic=orthographic)
     settings = csm.ShadowSettings(
         cascade_count=count, fit="visible", snap="none", split="uniform", **changes
     )
+    camera, points, gradients, lengths = view.camera, view.held, view.gradients, view.edge_lengths
     # fitted to some of the points, so that others lie outside of every map
     cascades = csm.fit_cascades(camera, SUN, settings, receivers=points[::2])
-    told, sides = arranged(camera, cascades, select, points, normals, across, gradients, lengths)
-    moved, reach, edge_cascade, bias, receiver_cascade, displaced, held = told
+    told, sides = points_told(view, cascades, select)
+    moved, reach, edge_cascade, bias, receiver_cascade = told
     m, e = len(gradients), len(lengths)
     both = [chosen(camera, cascades, select, point) for point in points]
     taken = np.array([one for one, _ in both])
     assert edge_cascade.tolist() == taken[m : m + e].tolist()
     assert receiver_cascade.tolist() == taken[:m].tolist()
-    assert held.tolist() == [i in {one for _, one in both} for i in range(count)]
     assert count == 1 or len(set(taken[:m])) > 1, "nothing to choose between"
     for k in range(m):
         wanted = BIAS * sides[taken[k]] * min(gradients[k], STEEPEST)
         assert bias[k] == pytest.approx(wanted, **CLOSE)
-    uvz, sums = np.asarray(cascades.uvz_from_world), np.zeros(count)
+    uvz = np.asarray(cascades.uvz_from_world)
     for k in range(e):
         at = slice(m + k, m + k + 1)
         slopes = uv_gradients(uvz[taken[at]], points[at])
@@ -109,74 +124,121 @@ def test_a_view_is_arranged_as_its_definition_says(count, select, changes, ortho
         # those gradients are rounded across the light, and divided by the way across the edge
         assert moved[k] == pytest.approx(mean, rel=1e-9)
         assert reach[k] == pytest.approx(math.hypot(u, v), rel=1e-9)
-        sums[taken[m + k]] += lengths[k] * min(mean, MOST)
-    assert displaced == pytest.approx(sums, rel=1e-9)
-    assert (moved > MOST).any()
-    assert (moved < MOST).any()
     assert (gradients > STEEPEST).any()
+
+
+@pytest.mark.parametrize(("count", "select", "changes", "orthographic"), CASES)
+def test_windows_are_those_of_a_fit_and_sums_those_of_points(count, select, changes, orthographic):
+    view, _, _ = seen(11, orthographic=orthographic)
+    settings = csm.ShadowSettings(
+        cascade_count=count, fit="visible", snap="none", split="sdsm", select=select, **changes
+    )
+    # the same fit of points in no order, whose depths the core works out
+    shuffled = np.random.default_rng(1).permutation(view.held)
+    cascades = csm.fit_cascades(view.camera, SUN, settings, receivers=shuffled)
+    (moved, _, edge_cascade, *_), wanted = points_told(view, cascades, select)
+    most = float(np.median(moved))  # half of them end there
+    uvz, splits, sides, displaced, held = _core.arrange(view, settings, None, None, most)
+    # depths were rounded on another way
+    assert splits == pytest.approx(cascades.splits, rel=1e-14)
+    assert uvz == pytest.approx(cascades.uvz_from_world, rel=1e-9, abs=1e-9)
+    assert sides == pytest.approx(wanted, rel=1e-9)
+    sums = np.bincount(edge_cascade, view.edge_lengths * np.minimum(moved, most), minlength=count)
+    assert displaced == pytest.approx(sums, rel=1e-9)
+    slices = np.searchsorted(splits[1:-1], view.held_depths)
+    assert held == [i in slices for i in range(count)]
+
+
+def test_a_slice_without_points_is_not_held():
+    view, _, _ = seen(5)
+    settings = csm.ShadowSettings(
+        cascade_count=3, snap="none", split="manual", manual_splits=(61.0, 70.0)
+    )
+    assert _core.arrange(view, settings, None, None, MOST)[-1] == [True, False, False]
 
 
 @pytest.mark.parametrize(
     ("receivers", "edges", "others"), [(0, 0, 4), (5, 0, 0), (0, 5, 0), (0, 0, 0)]
 )
 def test_a_view_may_lack_points(receivers, edges, others):
-    camera, points, *rest = seen(3, receivers, edges, others)
-    cascades = csm.fit_cascades(
-        camera, SUN, csm.ShadowSettings(cascade_count=2, snap="none", split="uniform")
-    )
-    told, _ = arranged(camera, cascades, "map", points, *rest)
-    shapes = [(edges,)] * 3 + [(receivers,)] * 2 + [(2,)] * 2
-    assert [one.shape for one in told] == shapes
-    assert told[-1].any() == (len(points) > 0)
-    assert edges or not told[-2].any()
+    view, _, _ = seen(3, receivers, edges, others)
+    settings = csm.ShadowSettings(cascade_count=2, snap="none", split="uniform")
+    cascades = csm.fit_cascades(view.camera, SUN, settings)
+    told, _ = points_told(view, cascades, "map")
+    assert [one.shape for one in told] == [(edges,)] * 3 + [(receivers,)] * 2
+    *_, displaced, held = _core.arrange(view, settings, None, None, MOST)
+    assert any(held) == (len(view.held) > 0)
+    assert edges or displaced == [0.0, 0.0]
 
 
-def test_a_square_window_moves_an_edge_by_a_quarter_of_it():
-    """Straight down, one metre a pixel: a closed form. An edge along an axis is displaced by a
-    quarter of the window, a diagonal one by sqrt(2) / 6 of it; a disc as wide reaches all of it."""
+def square_view(steps, lengths):
+    """Straight down, one metre a pixel; edges in the middle with these ways across."""
     camera = csm.Camera.orthographic(
         (0, 10, 0), (0, 0, 0), up=(0, 0, -1), height=100.0, near=1.0, far=20.0, size=(100, 100)
     )
+    count = len(lengths)
+    return SimpleNamespace(
+        camera=camera, sun=csm.Sun((0, 1, 0)), held=np.zeros((count, 3)),
+        held_depths=np.full(count, 10.0), gradients=np.zeros(0), edge_lengths=np.array(lengths),
+        axes=np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]]), steps_across=np.array(steps),
+    )  # fmt: skip
+
+
+def test_a_square_window_moves_an_edge_by_a_quarter_of_it():
+    """A closed form. An edge along an axis is displaced by a quarter of the window, a diagonal one
+    by sqrt(2) / 6 of it; a disc as wide reaches all of it."""
     side = 8.0
     uvz = np.array([[[1 / side, 0, 0, 0.5], [0, 0, -1 / side, 0.5], [0, -0.1, 0, 1], [0, 0, 0, 1]]])
-    axes = np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 1.0]])
-    steps = np.array([[1.0, 0.0], [0.0, -1.0], [np.sqrt(0.5), np.sqrt(0.5)]])
-    points = np.zeros((3, 3))
-    moved, reach, *_, displaced, held = _core.arrange(
-        camera, uvz, [1.0, 20.0], [side], False, points, [], axes, steps, [1.0, 2.0, 3.0],
-        BIAS, STEEPEST, MOST,
-    )  # fmt: skip
+    view = square_view([[1.0, 0.0], [0.0, -1.0], [np.sqrt(0.5), np.sqrt(0.5)]], [1.0, 2.0, 3.0])
+    moved, reach, *_ = _core.arranged_points(view, uvz, [1.0, 20.0], [side], False, BIAS, STEEPEST)
     quarter, diagonal = side / 4.0, side * np.sqrt(2.0) / 6.0
     assert moved == pytest.approx([quarter, quarter, diagonal], **CLOSE)
     assert reach == pytest.approx([side] * 3, **CLOSE)
-    assert displaced == pytest.approx([3.0 * quarter + 3.0 * diagonal], **CLOSE)
-    assert held.tolist() == [True]
+
+
+def test_sums_of_many_edges_are_whole():
+    """More edges than are summed up at once, and a rest: a fit round the view is 100 m a side."""
+    count = 1000
+    lengths = np.arange(1.0, count + 1.0)
+    view = square_view(np.tile([[0.0, 1.0]], (count, 1)), lengths)
+    settings = csm.ShadowSettings(
+        cascade_count=1, fit="sphere", snap="none", split="uniform", map_size=512
+    )
+    _, _, (side,), (displaced,), held = _core.arrange(view, settings, None, None, 1e9)
+    assert displaced == pytest.approx(0.25 * side * lengths.sum(), **CLOSE)
+    assert held == [True]
 
 
 WRONG = {
-    "points": (np.zeros((4, 3)), "points must begin with those of 3 gradients and 2 lengths"),
+    "held": (np.zeros((4, 3)), "held must begin with the points of 3 gradients and 2 lengths"),
+    "held_depths": (np.zeros(5), "held_depths: expected shape \\(6,\\), got \\(5,\\)"),
     "steps_across": (np.zeros((3, 2)), "steps_across: expected shape \\(2, 2\\), got \\(3, 2\\)"),
     "splits": ([1.0, 2.0, 3.0], "splits: expected 2 numbers, got 3"),
     "sides": ([1.0, 2.0], "sides: expected 1 numbers, got 2"),
     "axes": (np.eye(2), "axes: expected 6 numbers, got 4"),
-    "uvz_from_world": (np.zeros((9, 4, 4)), "uvz_from_world must be 1 to 8 matrices"),
+    "uvz": (np.zeros((9, 4, 4)), "uvz_from_world must be 1 to 8 matrices"),
 }
 
 
 @pytest.mark.parametrize("name", [*WRONG, "flat"])
 def test_arrays_that_do_not_fit_are_refused(name):
-    camera = seen(1)[0]
-    given = dict(
-        camera=camera, uvz_from_world=np.eye(4)[None], splits=[1.0, 9.0], sides=[1.0],
-        by_interval=False, points=np.zeros((6, 3)), gradients=np.zeros(3), axes=np.eye(3)[:2],
-        steps_across=np.ones((2, 2)), lengths=np.ones(2), bias_texels=1.0, steepest=1.0,
-        most_moved=1.0,
+    view = dict(
+        held=np.zeros((6, 3)), held_depths=np.zeros(6), gradients=np.zeros(3),
+        axes=np.eye(3)[:2], steps_across=np.ones((2, 2)), edge_lengths=np.ones(2),
     )  # fmt: skip
-    _core.arrange(**given)
+    windows = dict(uvz=np.eye(4)[None], splits=[1.0, 9.0], sides=[1.0])
+
+    def ask():
+        _core.arranged_points(SimpleNamespace(**view), *windows.values(), False, 1.0, 1.0)
+
+    ask()
     flat = (np.diag([1.0, 0.0, 1.0, 1.0])[None], "map the plane across the light to an area")
     wrong, text = WRONG.get(name, flat)
+    (view if name in view else windows)["uvz" if name == "flat" else name] = wrong
+    if name == "held":
+        view["held_depths"] = np.zeros(4)
     with pytest.raises(ValueError, match=text):
-        _core.arrange(**{**given, "uvz_from_world" if name == "flat" else name: wrong})
+        ask()
 
 
 # -- sums, a number a size -------------------------------------------------------------------------
@@ -294,7 +356,8 @@ def test_the_narrowest_kernel_of_one_edge_and_of_two():
 @pytest.mark.parametrize("changes", [{}, {"turned": True}, {"split": "sdsm", "turned": True}])
 def test_each_window_lies_close_round_the_points_of_its_slice(changes):
     """However many cascades there are, and whatever turn each has of its own."""
-    camera, points, *_ = seen(11, receivers=900)
+    view, _, _ = seen(11, receivers=900)
+    camera, points = view.camera, view.held
     settings = csm.ShadowSettings(
         cascade_count=3, fit="visible", snap="none", **{"split": "uniform", **changes}
     )
@@ -314,7 +377,8 @@ def test_each_window_lies_close_round_the_points_of_its_slice(changes):
 
 
 def test_casters_are_classed_by_the_first_map_that_their_box_meets():
-    camera, points, *_ = seen(11)
+    view, _, _ = seen(11)
+    camera, points = view.camera, view.held
     settings = csm.ShadowSettings(cascade_count=3, fit="visible", snap="none", split="uniform")
     cascades = csm.fit_cascades(camera, SUN, settings, receivers=points)
     rng, axes = np.random.default_rng(2), light_gradients(SUN)

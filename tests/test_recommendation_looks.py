@@ -103,6 +103,20 @@ def test_windows_of_a_long_road_are_those_of_frames(renderer, camera, sun, chang
     assert sides == pytest.approx(frame.cascades.texel_size.max(axis=1), rel=0.25)
 
 
+def test_what_a_view_holds_is_in_the_order_of_depth(renderer):
+    """The core finds a slice's points by their place; so each array must be of the same order."""
+    scene = csm.scenes.forest()
+    camera, sun = scene.cameras["path"].replace(size=SIZE), scene.suns["day"]
+    view = measure_signals(renderer, scene, [camera], [sun]).views[0]
+    ends = np.cumsum([len(view.receivers), len(view.edges), len(view.outline)])
+    kinds = np.split(view.held_depths, ends[:-1])
+    assert all(len(depths) > 50 and (np.diff(depths) >= 0.0).all() for depths in kinds)
+    depths = (view.held - camera.eye) @ -camera.backward
+    assert view.held_depths == pytest.approx(depths, rel=1e-12)
+    # receivers and what is told of them are of the same pixels
+    assert view.receiver_depths == pytest.approx(kinds[0], rel=1e-6)
+
+
 # -- kernels ---------------------------------------------------------------------------------------
 
 

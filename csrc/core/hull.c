@@ -1,11 +1,13 @@
 /* hull.c: convex outlines of points in a plane, and the smallest rectangle round them. */
 #include "hull.h"
 
+#include <float.h>
 #include <math.h>
 #include <stdlib.h>
 #include <string.h>
 
 #define DIRECTIONS 16
+#define BLOCK 32 /* points that are looked at at once */
 
 static int compare_points(const void *left, const void *right) {
     const double *a = left, *b = right;
@@ -66,45 +68,103 @@ size_t csm_convex_hull(double (*points)[2], size_t count, double tolerance, size
     return size;
 }
 
-/* The corners of the polygon of the points farthest out in all directions, each once, in order. */
-static int farthest_points(const double (*points)[2], size_t count, double (*out)[2]) {
-    double farthest[DIRECTIONS], at[DIRECTIONS], along[2][DIRECTIONS];
+/* Half planes a x + b y < c. */
+typedef struct half_planes {
+    double a[DIRECTIONS], b[DIRECTIONS], c[DIRECTIONS];
+} half_planes;
+
+/* How far points of a block lie beyond any of them: positive where they do. Without a branch, point
+ * by point in the inner loop, so that several are looked at at once. */
+static void beyond_any(const half_planes *planes, const double (*points)[2], size_t count,
+                       double out[BLOCK]) {
+    double x[BLOCK] = {0.0}, y[BLOCK] = {0.0};
+    for (size_t i = 0; i < count; i++) {
+        x[i] = points[i][0];
+        y[i] = points[i][1];
+    }
+    for (int i = 0; i < BLOCK; i++) {
+        out[i] = -INFINITY;
+    }
+    for (int k = 0; k < DIRECTIONS; k++) {
+        const double a = planes->a[k], b = planes->b[k], c = planes->c[k];
+        for (int i = 0; i < BLOCK; i++) {
+            const double over = a * x[i] + b * y[i] - c;
+            out[i] = over > out[i] ? over : out[i];
+        }
+    }
+}
+
+static size_t block_at(size_t begin, size_t count) {
+    return count - begin < BLOCK ? count - begin : BLOCK;
+}
+
+/* The points farthest out in all directions. */
+static void farthest_points(const double (*points)[2], size_t count, double out[DIRECTIONS][2]) {
+    half_planes nearer;
+    double beyond[BLOCK];
     for (int k = 0; k < DIRECTIONS; k++) {
         const double angle = k * (2.0 * 3.14159265358979323846 / DIRECTIONS);
-        along[0][k] = cos(angle);
-        along[1][k] = sin(angle);
-        farthest[k] = -INFINITY;
-        at[k] = 0.0;
+        nearer.a[k] = cos(angle);
+        nearer.b[k] = sin(angle);
+        nearer.c[k] = nearer.a[k] * points[0][0] + nearer.b[k] * points[0][1];
+        memcpy(out[k], points[0], sizeof out[k]);
     }
-    for (size_t i = 0; i < count; i++) {
-        for (int k = 0; k < DIRECTIONS; k++) { /* doubles without a branch: in vectors */
-            const double reach = along[0][k] * points[i][0] + along[1][k] * points[i][1];
-            at[k] = reach > farthest[k] ? (double)i : at[k];
-            farthest[k] = reach > farthest[k] ? reach : farthest[k];
+    for (size_t begin = 0; begin < count; begin += BLOCK) {
+        const size_t some = block_at(begin, count);
+        beyond_any(&nearer, points + begin, some, beyond);
+        for (size_t i = 0; i < some; i++) {
+            const double *point = points[begin + i];
+            for (int k = 0; beyond[i] > 0.0 && k < DIRECTIONS; k++) {
+                const double reach = nearer.a[k] * point[0] + nearer.b[k] * point[1];
+                if (reach > nearer.c[k]) {
+                    nearer.c[k] = reach;
+                    memcpy(out[k], point, sizeof out[k]);
+                }
+            }
         }
     }
-    int size = 0;
+}
+
+/* The inside of the polygon of points that are its corners in order, a corner may be there twice:
+ * nothing where it has no area. */
+static half_planes inside_of(const double (*corners)[2]) {
+    half_planes out;
+    double most = 0.0;
     for (int k = 0; k < DIRECTIONS; k++) {
-        const double *corner = points[(size_t)at[k]];
-        const double *next = points[(size_t)at[(k + 1) % DIRECTIONS]];
-        if (corner[0] != next[0] || corner[1] != next[1]) {
-            memcpy(out[size++], corner, sizeof out[0]);
-        }
+        most = fmax(most, fmax(fabs(corners[k][0]), fabs(corners[k][1])));
     }
-    return size;
+    for (int k = 0; k < DIRECTIONS; k++) {
+        const double *from = corners[k], *to = corners[(k + 1) % DIRECTIONS];
+        out.a[k] = to[1] - from[1];
+        out.b[k] = from[0] - to[0];
+        /* what rounding alone moves in from an edge is outside, as is what lies on it */
+        const double rounding = 8.0 * DBL_EPSILON * most * (fabs(out.a[k]) + fabs(out.b[k]));
+        const bool point = out.a[k] == 0.0 && out.b[k] == 0.0;
+        out.c[k] = point ? DBL_MAX : out.a[k] * from[0] + out.b[k] * from[1] - rounding;
+    }
+    return out;
 }
 
 size_t csm_outer_points(double (*points)[2], size_t count) {
     double corners[DIRECTIONS][2];
-    const int size = count ? farthest_points((const double(*)[2])points, count, corners) : 0;
+    if (count == 0) {
+        return 0;
+    }
+    farthest_points((const double(*)[2])points, count, corners);
+    bool one = true; /* of copies of one point every one is a corner */
+    for (int k = 1; k < DIRECTIONS; k++) {
+        one = one && corners[k][0] == corners[0][0] && corners[k][1] == corners[0][1];
+    }
+    const half_planes inside = inside_of((const double(*)[2])corners);
     size_t kept = 0;
-    for (size_t i = 0; i < count; i++) {
-        bool inside = true; /* of one point or of copies of it, every point is */
-        for (int k = 0; inside && k < size; k++) { /* on an edge counts as outside */
-            inside = right_of(corners[k], points[i], corners[(k + 1) % size]) < 0.0;
-        }
-        if (!inside) {
-            memmove(points[kept++], points[i], sizeof points[0]);
+    for (size_t begin = 0; begin < count; begin += BLOCK) {
+        double beyond[BLOCK];
+        const size_t some = block_at(begin, count);
+        beyond_any(&inside, (const double(*)[2])points + begin, some, beyond);
+        for (size_t i = 0; i < some; i++) {
+            if (one || beyond[i] >= 0.0) {
+                memmove(points[kept++], points[begin + i], sizeof points[0]);
+            }
         }
     }
     return kept;

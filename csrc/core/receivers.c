@@ -119,14 +119,22 @@ static int cascade_at(const csm_cascades *cascades, double depth) {
     return NO_CASCADE;
 }
 
-/* The end of the points from begin on that are receivers of one cascade, *out: of points in order
- * as many as there are in a row. */
+/* The cascade of a point in any order. */
+static int cascade_of(const csm_cascades_desc *desc, const csm_cascades *cascades, size_t k) {
+    return cascade_at(cascades, view_depth(&desc->camera, desc->receivers->points + 3 * k));
+}
+
+/* The end of the points in a row from begin on that are receivers of one cascade, *out. */
 static size_t next_receivers(const csm_cascades_desc *desc, const csm_cascades *cascades,
                              size_t begin, int *out) {
     const csm_receivers *seen = desc->receivers;
     if (!seen->depths) {
-        *out = cascade_at(cascades, view_depth(&desc->camera, seen->points + 3 * begin));
-        return begin + 1;
+        size_t end = begin + 1;
+        *out = cascade_of(desc, cascades, begin);
+        while (end < seen->point_count && cascade_of(desc, cascades, end) == *out) {
+            end++;
+        }
+        return end;
     }
     int run = 0;
     while (seen->run_ends[run] <= begin) {
