@@ -15,9 +15,9 @@ from setuptools.command.build_ext import build_ext
 CORE = (
     "status filters effects cutouts scene hull splits splits_resolution splits_histogram frustum"
     " view_range light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
-    " reuse light_window tetrahedra coverage_slices coverage coverage_move coarse_outline"
-    " coarse_planes coarse_edges coarse_maps coarse_thin arranged forecast_sums caster_boxes"
-    " storage bias plan shader_source"
+    " reuse light_window tetrahedra coverage_slices coverage coverage_move surface"
+    " coarse_outline coarse_planes coarse_edges coarse_maps coarse_thin arranged forecast_sums"
+    " caster_boxes storage bias plan shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"

@@ -266,6 +266,9 @@ def coverage(
     scene_bounds: ArrayLike | None = None,
     receivers: ArrayLike | None = None,
 ) -> list[_Coverage]: ...
+def surface_steps(
+    camera: _Camera, points: ArrayLike, normals: ArrayLike, gradients: ArrayLike
+) -> NDArray[np.float64]: ...
 def coverage_move(
     camera: _Camera,
     near: float,

@@ -11,6 +11,7 @@ from functools import cached_property
 
 import numpy as np
 
+from . import _core
 from .cascades import fit_cascades
 from .caster_load import Casters, sample_casters
 from .caster_sides import FACES_SHARE, Sides, measure_sides
@@ -24,7 +25,7 @@ from .coarse_look import (
     thin_share_of,
 )
 from .horizons import ends_of
-from .sampling import LIT, NO_CASCADE, surface_steps
+from .sampling import LIT, NO_CASCADE
 from .settings import ShadowSettings
 from .spaces import frozen, light_gradients
 from .tracing import FACING
@@ -143,14 +144,14 @@ class View:
 
         Pixels of the full picture.
         """
-        steps = surface_steps(self.camera, self.edges, self.edge_normals, self.axes)
+        steps = _core.surface_steps(self.camera, self.edges, self.edge_normals, self.axes[None])
         return np.einsum("ea,eak->ek", self.edge_across, steps)
 
     def penumbra_widths(self):
         """Width of the sun's penumbra at every edge [pixels of the full picture].
 
         A disc of diameter d degrees makes a penumbra ``2 tan(d / 2)`` times the occluder's distance
-        wide, across the light; how wide that is in the picture, `surface_steps` says.
+        wide, across the light; how wide that is in the picture, `steps_across` says.
 
         Returns
         -------

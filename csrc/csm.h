@@ -1108,6 +1108,18 @@ csm_status csm_coverage_move(const csm_camera *camera, double near_depth, double
                              const double before[16], int size_before, const double after[16],
                              int size_after, csm_grid_move *out, csm_error *err);
 
+/* Points of surfaces, x 3 each in the world, and the gradients of two coordinates of light space
+ * there (x 2 x 3, per metre): of each, or of all of them. */
+typedef struct csm_surface_points {
+    const double *points, *normals, *gradients;
+    size_t count;
+    bool shared; /* gradients are those of all */
+} csm_surface_points;
+
+/* How a step of one along either coordinate, the other staying, moves a point of the surface in the
+ * picture: [point][right or down][coordinate] in pixels. */
+void csm_surface_steps(const csm_camera *camera, const csm_surface_points *points, double *out);
+
 /* ------------------------------------------------------------------------------------------------
  * 12. Coarse pictures: what a small frame and its maps show, for recommendations
  */

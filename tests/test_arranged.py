@@ -196,6 +196,23 @@ def test_a_square_window_moves_an_edge_by_a_quarter_of_it():
     assert reach == pytest.approx([side] * 3, **CLOSE)
 
 
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_steps_along_surfaces_are_those_of_the_judges(orthographic):
+    """csm.sampling has its own, which finite differences prove (tests/test_metrics.py)."""
+    view, normals, _ = seen(4, orthographic=orthographic)
+    points = view.held[: len(normals)]
+    some = np.random.default_rng(0).normal(size=(len(points), 2, 3))
+    for gradients in (view.axes[None], some):
+        told = _core.surface_steps(view.camera, points, normals, gradients)
+        assert told == pytest.approx(
+            surface_steps(view.camera, points, normals, gradients), rel=1e-9, abs=1e-9
+        )
+    with pytest.raises(ValueError, match="gradients: expected shape"):
+        _core.surface_steps(view.camera, points, normals, some[:-1])
+    with pytest.raises(ValueError, match="normals: expected shape"):
+        _core.surface_steps(view.camera, points, normals[1:], some)
+
+
 def test_sums_of_many_edges_are_whole():
     """More edges than are summed up at once, and a rest: a fit round the view is 100 m a side."""
     count = 1000
