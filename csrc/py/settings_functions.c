@@ -3,54 +3,86 @@
 
 #include <string.h>
 
-/* Number of a choice in a row's list, -1 if it is none of them. */
-static int choice_number(const csm_effect_info *row, const char *choice) {
-    int number = 0;
-    size_t wanted = strlen(choice);
-    for (const char *at = row->choices; *at; number++) {
-        size_t length = strcspn(at, " ");
-        if (length == wanted && !strncmp(at, choice, length)) {
-            return number;
-        }
-        at += length + (at[length] == ' ');
+/* Choices of an effect as a tuple of Python's own strings, made once; borrowed, NULL with an
+ * exception. */
+static PyObject *choices_of(int effect) {
+    static PyObject *known[CSM_EFFECT_COUNT];
+    if (known[effect]) {
+        return known[effect];
     }
+    PyObject *text = PyUnicode_FromString(csm_effect_describe(effect)->choices);
+    PyObject *list = text ? PyUnicode_Split(text, NULL, -1) : NULL;
+    PyObject *tuple = list ? PyList_AsTuple(list) : NULL;
+    for (Py_ssize_t i = 0; tuple && i < PyTuple_GET_SIZE(tuple); i++) {
+        PyUnicode_InternInPlace(&PyTuple_GET_ITEM(tuple, i));
+    }
+    Py_XDECREF(text);
+    Py_XDECREF(list);
+    return known[effect] = tuple;
+}
+
+/* Number of a choice, -1 with an exception if it is none of the effect's. */
+static int choice_number(int effect, PyObject *value) {
+    PyObject *choices = choices_of(effect);
+    if (!choices) {
+        return -1;
+    }
+    const Py_ssize_t count = PyTuple_GET_SIZE(choices);
+    for (Py_ssize_t i = 0; i < count; i++) { /* words of a program are Python's own mostly, too */
+        if (PyTuple_GET_ITEM(choices, i) == value) {
+            return (int)i;
+        }
+    }
+    for (Py_ssize_t i = 0; i < count && PyUnicode_Check(value); i++) {
+        if (PyUnicode_Compare(PyTuple_GET_ITEM(choices, i), value) == 0) {
+            return (int)i;
+        }
+    }
+    const csm_effect_info *row = csm_effect_describe(effect);
+    PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name, row->choices,
+                 value);
     return -1;
 }
 
-static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out) {
-    PyObject *value = csm_py_attribute(settings, row->name);
+/* A field of settings by a literal. Theirs lie in the dict of the instance, whose lookup is the
+ * better part of an attribute's; `own` is NULL for what has none. */
+static PyObject *field(PyObject *settings, PyObject *own, const char *name) {
+    PyObject *key = own ? csm_py_name(name) : NULL;
+    PyObject *value = key ? PyDict_GetItemWithError(own, key) : NULL;
+    if (value) {
+        return Py_NewRef(value);
+    }
+    return PyErr_Occurred() ? NULL : csm_py_attribute(settings, name);
+}
+
+static int parse_effect(PyObject *settings, PyObject *own, int effect, int *out) {
+    const csm_effect_info *row = csm_effect_describe(effect);
+    PyObject *value = field(settings, own, row->name);
     if (!value) {
         return -1;
     }
-    int status = -1;
-    if (row->type == CSM_TYPE_ENUM) {
-        const char *choice = PyUnicode_Check(value) ? PyUnicode_AsUTF8(value) : NULL;
-        *out = choice ? choice_number(row, choice) : -1;
-        status = *out < 0 ? -1 : 0;
-        if (status < 0 && !PyErr_Occurred()) {
-            PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name,
-                         row->choices, value);
-        }
-    } else if (row->type == CSM_TYPE_BOOL) {
-        *out = PyObject_IsTrue(value);
-        status = *out < 0 ? -1 : 0;
+    int status;
+    if (row->type == CSM_TYPE_INT) {
+        status = csm_py_int(value, row->name, out);
     } else {
-        status = csm_py_attribute_int(settings, row->name, out);
+        *out = row->type == CSM_TYPE_ENUM ? choice_number(effect, value) : PyObject_IsTrue(value);
+        status = *out < 0 ? -1 : 0;
     }
     Py_DECREF(value);
     return status;
 }
 
 /* map_size is one number for all cascades or a sequence of one per cascade. */
-static int parse_map_size(PyObject *settings, int count, int *out) {
-    PyObject *value = csm_py_attribute(settings, "map_size");
+static int parse_map_size(PyObject *settings, PyObject *own, int count, int *out) {
+    PyObject *value = field(settings, own, "map_size");
     if (!value) {
         return -1;
     }
     int status = 0;
     if (PyLong_Check(value)) {
-        for (int i = 0; i < CSM_MAX_CASCADES && status == 0; i++) {
-            status = csm_py_attribute_int(settings, "map_size", &out[i]);
+        status = csm_py_int(value, "map_size", &out[0]);
+        for (int i = 1; i < CSM_MAX_CASCADES; i++) {
+            out[i] = out[0];
         }
     } else {
         double sizes[CSM_MAX_CASCADES];
@@ -85,22 +117,31 @@ static int parse_manual_splits(PyObject *settings, int count, double *out) {
     return status;
 }
 
-int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
-    memset(out, 0, sizeof *out);
+static int parse_number(PyObject *settings, PyObject *own, const char *name, double *out) {
+    PyObject *value = field(settings, own, name);
+    if (!value) {
+        return -1;
+    }
+    *out = PyFloat_AsDouble(value);
+    Py_DECREF(value);
+    return *out == -1.0 && PyErr_Occurred() ? -1 : 0;
+}
+
+static int parse_fields(PyObject *settings, PyObject *own, csm_settings *out) {
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
-        const csm_effect_info *row = csm_effect_describe(i);
-        if (row->name[0] && parse_effect(settings, row, &out->effects[i]) < 0) {
+        if (csm_effect_describe(i)->name[0] &&
+            parse_effect(settings, own, i, &out->effects[i]) < 0) {
             return -1;
         }
     }
-    int count = out->effects[CSM_EFFECT_CASCADE_COUNT];
-    if (parse_map_size(settings, count, out->map_size) < 0) {
+    const int count = out->effects[CSM_EFFECT_CASCADE_COUNT];
+    if (parse_map_size(settings, own, count, out->map_size) < 0) {
         return -1;
     }
     const csm_number_info *number;
     for (int i = 0; (number = csm_number_describe(i)); i++) {
         double *value = (double *)((char *)out + number->offset);
-        if (csm_py_attribute_double(settings, number->name, value) < 0) {
+        if (parse_number(settings, own, number->name, value) < 0) {
             return -1;
         }
     }
@@ -114,6 +155,17 @@ int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
         return parse_manual_splits(settings, count, out->manual_splits);
     }
     return 0;
+}
+
+int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
+    memset(out, 0, sizeof *out);
+    PyObject *own = PyObject_GenericGetDict(settings, NULL);
+    if (!own) {
+        PyErr_Clear(); /* then its attributes are asked for */
+    }
+    const int status = parse_fields(settings, own, out);
+    Py_XDECREF(own);
+    return status;
 }
 
 static int parse_valid(PyObject *module, PyObject *object, csm_settings *out) {
@@ -139,18 +191,12 @@ static PyObject *validate_settings(PyObject *module, PyObject *object) {
     Py_RETURN_NONE;
 }
 
-static PyObject *choice_text(const csm_effect_info *row, int value) {
-    const char *at = row->choices;
-    for (; value > 0; value--) {
-        at += strcspn(at, " ") + 1;
+static PyObject *effect_value(int effect, int value) {
+    switch (csm_effect_describe(effect)->type) {
+    case CSM_TYPE_ENUM: {
+        PyObject *choices = choices_of(effect);
+        return choices ? Py_XNewRef(PyTuple_GetItem(choices, value)) : NULL;
     }
-    return PyUnicode_FromStringAndSize(at, (Py_ssize_t)strcspn(at, " "));
-}
-
-static PyObject *effect_value(const csm_effect_info *row, int value) {
-    switch (row->type) {
-    case CSM_TYPE_ENUM:
-        return choice_text(row, value);
     case CSM_TYPE_BOOL:
         return PyBool_FromLong(value);
     default:
@@ -171,8 +217,9 @@ static PyObject *floats(const double *values, int count) {
     return tuple;
 }
 
-static int set_item(PyObject *dict, const char *key, PyObject *value) {
-    int status = value ? PyDict_SetItemString(dict, key, value) : -1;
+static int set_item(PyObject *dict, const char *name, PyObject *value) {
+    PyObject *key = csm_py_name(name);
+    int status = key && value ? PyDict_SetItem(dict, key, value) : -1;
     Py_XDECREF(value);
     return status;
 }
@@ -195,7 +242,7 @@ static PyObject *canonical_settings(PyObject *module, PyObject *object) {
     double sizes[CSM_MAX_CASCADES];
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         const csm_effect_info *row = csm_effect_describe(i);
-        if (row->name[0] && set_item(dict, row->name, effect_value(row, settings.effects[i])) < 0) {
+        if (row->name[0] && set_item(dict, row->name, effect_value(i, settings.effects[i])) < 0) {
             goto fail;
         }
     }
@@ -253,7 +300,7 @@ static PyObject *effect_table(PyObject *module, PyObject *unused) {
         const csm_effect_info *row = csm_effect_describe(i);
         PyObject *item = Py_BuildValue(
             "{s:s,s:s,s:s,s:N,s:i,s:i,s:I,s:s,s:s}", "id", row->id, "name", row->name, "type",
-            types[row->type], "default", effect_value(row, row->default_value), "min", row->min,
+            types[row->type], "default", effect_value(i, row->default_value), "min", row->min,
             "max", row->max, "passes", row->passes, "choices", row->choices, "help", row->help);
         if (!item || PyList_Append(list, item) < 0) {
             Py_CLEAR(list);
