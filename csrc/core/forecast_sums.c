@@ -1,101 +1,133 @@
 /* forecast_sums.c: what texels of many sizes miss, summed up over the points of a view.
  *
- * In: what a map of one texel makes of each point, and sides of maps. Out: a number a size. Sizes
- * are the inner loop: each has a sum of its own, in the order of the points.
+ * In: what a map of one texel makes of each point, and sides of maps. Out: a number a size. What a
+ * point adds has a bend, on one side of which it goes with the inverse of the side. Most points lie
+ * on the same side of it under all sizes: their factors are summed up, once for all sizes.
  */
 #include "csm.h"
 
+#include <math.h>
 #include <stdlib.h>
 
-/* Sides' inverses, the sizes of a column one behind the other; NULL without memory. */
-static double *inverses_of(const csm_sized *sized, csm_error *err) {
+/* Of one column: inverses of its sides, the largest and the least of them, and the sums of points
+ * that no size bends: `constant` + `linear` times the inverse. */
+typedef struct size_column {
+    const double *inverses;
+    double most, least, constant, linear;
+} size_column;
+
+/* A column for each of `sized`, over inverses that lie behind them; NULL without memory. */
+static size_column *columns_of(const csm_sized *sized, csm_error *err) {
     const size_t sizes = sized->size_count, columns = sized->columns;
-    double *out = malloc((sizes * columns + 1) * sizeof *out);
+    size_column *out = malloc(columns * sizeof *out + (sizes * columns + 1) * sizeof(double));
     if (!out) {
         csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu sizes of maps", sizes);
         return NULL;
     }
-    for (size_t k = 0; k < sizes; k++) {
-        for (size_t column = 0; column < columns; column++) {
-            out[column * sizes + k] = 1.0 / sized->sides[k * columns + column];
+    double *inverses = (double *)(out + columns);
+    for (size_t column = 0; column < columns; column++, inverses += sizes) {
+        out[column] = (size_column){.inverses = inverses, .least = INFINITY};
+        for (size_t k = 0; k < sizes; k++) {
+            const double inverse = 1.0 / sized->sides[k * columns + column];
+            inverses[k] = inverse;
+            out[column].most = inverse > out[column].most ? inverse : out[column].most;
+            out[column].least = inverse < out[column].least ? inverse : out[column].least;
         }
     }
     return out;
 }
 
-/* The same, and sums of nothing yet. */
-static double *begin_sums(const csm_sized *sized, double *out, csm_error *err) {
+static size_column *column_of(const csm_sized *sized, size_column *columns, size_t point) {
+    return sized->columns == 1 ? columns : columns + sized->window[point];
+}
+
+static void clear_sums(const csm_sized *sized, double *out) {
     for (size_t k = 0; k < sized->size_count; k++) {
         out[k] = 0.0;
     }
-    return inverses_of(sized, err);
 }
 
-static const double *column_of(const csm_sized *sized, const double *inverses, size_t point) {
-    return sized->columns == 1 ? inverses
-                               : inverses + (size_t)sized->window[point] * sized->size_count;
+/* Adds what no size bends, and lets go of the columns. */
+static csm_status finish_sums(const csm_sized *sized, size_column *columns, double *out) {
+    for (size_t column = 0; column < sized->columns; column++) {
+        const size_column *from = &columns[column];
+        for (size_t k = 0; k < sized->size_count; k++) {
+            const double whole = from->constant + from->linear * from->inverses[k];
+            out[k] += whole > 0.0 ? whole : 0.0; /* below by rounding */
+        }
+    }
+    free(columns);
+    return CSM_OK;
 }
 
 csm_status csm_sum_capped(const csm_sized *sized, const double *values, const double *weights,
                           double most, double *out, csm_error *err) {
-    double *inverses = begin_sums(sized, out, err);
-    if (!inverses) {
+    size_column *columns = columns_of(sized, err);
+    if (!columns) {
         return CSM_ERROR_OUT_OF_MEMORY;
     }
+    clear_sums(sized, out);
     for (size_t i = 0; i < sized->point_count; i++) {
-        const double *inverse = column_of(sized, inverses, i);
+        size_column *column = column_of(sized, columns, i);
         const double value = values[i], weight = weights[i];
+        if (value * column->most <= most) {
+            column->linear += weight * value;
+            continue;
+        }
         for (size_t k = 0; k < sized->size_count; k++) {
-            const double one = value * inverse[k];
+            const double one = value * column->inverses[k];
             out[k] += weight * (one < most ? one : most);
         }
     }
-    free(inverses);
-    return CSM_OK;
+    return finish_sums(sized, columns, out);
 }
 
 csm_status csm_sum_missing(const csm_sized *sized, const double *values, const double *wide,
                            const double *weights, double *out, csm_error *err) {
-    double *inverses = begin_sums(sized, out, err);
-    if (!inverses) {
+    size_column *columns = columns_of(sized, err);
+    if (!columns) {
         return CSM_ERROR_OUT_OF_MEMORY;
     }
+    clear_sums(sized, out);
     for (size_t i = 0; i < sized->point_count; i++) {
-        const double *inverse = column_of(sized, inverses, i);
+        size_column *column = column_of(sized, columns, i);
         const double value = values[i], width = wide[i], weight = weights[i];
+        if (!(width > value * column->least)) { /* not under any size */
+            continue;
+        }
+        if (width >= value * column->most) {
+            column->constant += weight * width;
+            column->linear -= weight * value;
+            continue;
+        }
         for (size_t k = 0; k < sized->size_count; k++) {
-            const double missing = width - value * inverse[k];
+            const double missing = width - value * column->inverses[k];
             out[k] += weight * (missing > 0.0 ? missing : 0.0);
         }
     }
-    free(inverses);
-    return CSM_OK;
+    return finish_sums(sized, columns, out);
 }
 
 csm_status csm_count_less(const csm_sized *sized, const double *gaps, const double *values,
                           int64_t *out, csm_error *err) {
-    double *inverses = inverses_of(sized, err);
-    if (!inverses) {
+    size_column *columns = columns_of(sized, err);
+    if (!columns) {
         return CSM_ERROR_OUT_OF_MEMORY;
-    }
-    double largest = 0.0;
-    for (size_t k = 0; k < sized->size_count * sized->columns; k++) {
-        largest = inverses[k] > largest ? inverses[k] : largest;
     }
     for (size_t k = 0; k < sized->size_count; k++) {
         out[k] = 0;
     }
     for (size_t i = 0; i < sized->point_count; i++) {
+        const size_column *column = column_of(sized, columns, i);
         const double value = values[i], gap = gaps[i];
-        if (!(gap < value * largest)) { /* most: what is lit has no gap */
+        if (!(gap < value * column->most)) { /* most: what is lit has no gap */
             continue;
         }
-        const double *inverse = column_of(sized, inverses, i);
         for (size_t k = 0; k < sized->size_count; k++) {
-            out[k] += gap < value * inverse[k];
+            out[k] += gap < value * column->inverses[k];
         }
     }
-    free(inverses);
+    free(columns);
     return CSM_OK;
 }
 
