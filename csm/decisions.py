@@ -200,16 +200,16 @@ def value_of(effect, settings):
 # -- what rows ask --------------------------------------------------------------------------------
 
 
-def wanted_format(at, map_size=None, filter_size=None):
-    """Depth format: 16 bits where their step is below the bias that surfaces need anyway.
+def wanted_format(at, map_size, filter_size=None):
+    """Depth formats of sizes (k,): 16 bits where their step is below the bias that surfaces need.
 
-    Of sizes (k,) as many. Under a warp no step is the same everywhere: 32 bits.
+    Under a warp no step is the same everywhere: 32 bits.
     """
     if at.settings.warp != "none":
-        return np.full(np.shape(map_size)[:1], "d32f").tolist()
-    return np.where(
-        _quantum_16(at) < _needed_bias(at, map_size, filter_size), "d16", "d32f"
-    ).tolist()
+        return ["d32f"] * len(map_size)
+    step = _quantum_16(at)
+    needed = _needed_bias(at, map_size, filter_size).tolist()
+    return ["d16" if step < bias else "d32f" for bias in needed]
 
 
 def wanted_faces(signals):

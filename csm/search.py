@@ -71,11 +71,15 @@ class Forecast:
 
 @dataclass(frozen=True)
 class _Knee:
-    """Most that texels may miss, that kernels may leave out, or that both may err all in all."""
+    """Most that texels may miss, that kernels may leave out, or that both may err all in all.
+
+    And what everything on costs [ms].
+    """
 
     held: float
     left_out: float
     error: float
+    full_ms: float
 
     def holds(self, expected):
         """Whether what is expected, of one or of several settings, is no more than that."""
@@ -108,7 +112,7 @@ class Search:
     @property
     def most_bytes(self):
         """Bytes of the largest maps that are considered where nothing bounds them."""
-        side = max(size for size in SIZES if size <= self._largest)
+        side = int(self._sides[-1])
         return map_bytes(ShadowSettings(cascade_count=max(COUNTS), map_size=side))
 
     def candidates(self, model):
@@ -132,39 +136,51 @@ class Search:
 
     def least_error(self):
         """Forecast error of the most exact candidate."""
-        return float(self._column("error")[self._allowed].min())
+        return float(self._expected.error[self._allowed].min())
 
     @cached_property
     def families(self):
-        """Every arrangement, its sizes and filters, with forecasts of the error.
+        """Every arrangement, its sizes and filters, with forecasts of the error."""
+        return [family for sized in self._sized for family in sized]
 
-        The first filter is the one that is called for. Where hard edges are, soft ones may still be
-        what an error takes that was asked for.
-        """
+    @cached_property
+    def _sized(self):
+        """Of every arrangement and its sizes the families, one a filter."""
         if not sum(view.facing_count for view in self.signals.views):
             # only even splits can begin at or behind an orthographic camera
             split = "uniform" if self.signals.orthographic else "practical"
             dark, nothing = ShadowSettings(filter="none", split=split), np.zeros(1)
             sizes = np.array([SMALLEST])
-            return [Family(dark, sizes, {"map_size": [SMALLEST]}, Expected(*3 * (nothing,)))]
-        soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
-        filters = [{"filter": "hard"}]
-        pcss = [{"filter": "pcss", "tap_count": taps} for taps in TAPS]
-        if soft:
-            filters = pcss + filters
-        elif self.goal["max_error"] is not None and self.signals.penumbra_pixels[2] > 0.0:
-            filters += pcss
+            return [[Family(dark, sizes, {"map_size": [SMALLEST]}, Expected(*3 * (nothing,)))]]
+        filters = self._filters()
         return [
-            family
+            self._filtered(sized, sizes, filters)
             for count in COUNTS
             for arranged in self._arrangements(count)
             for sized, sizes in self._sizes(arranged)
-            for family in self._filtered(sized, sizes, filters)
         ]
+
+    def _filters(self):
+        """Changes for every filter that is considered, that which is called for first.
+
+        Where hard edges are, soft ones may still be what an error takes that was asked for.
+        """
+        hard = {"filter": "hard"}
+        pcss = [{"filter": "pcss", "tap_count": taps} for taps in TAPS]
+        if self.signals.penumbra_pixels[2] >= SOFT_PIXELS:
+            return [*pcss, hard]
+        if self.goal["max_error"] is not None and self.signals.penumbra_pixels[2] > 0.0:
+            return [hard, *pcss]
+        return [hard]
+
+    @cached_property
+    def _sides(self):
+        """Sides of maps that the driver holds (k,)."""
+        return np.array([size for size in SIZES if size <= self._largest])
 
     def _sizes(self, arranged):
         """Settings and sizes of their maps: equal ones (k,), and of a still unequal ones (k, n)."""
-        largest = np.array([size for size in SIZES if size <= self._largest])
+        largest = self._sides
         every = [(arranged, largest)]
         if arranged.cascade_count == 1 or arranged.snap != "none":
             return every
@@ -179,21 +195,18 @@ class Search:
 
     def _filtered(self, arranged, sizes, filters):
         """Candidates of an arrangement under each filter, one a size, with all that hangs on it."""
-        told, texels, found = self.forecaster, {}, []
         sides = [tuple(one) if sizes.ndim == 2 else one for one in sizes.tolist()]
+        told, known, found = self.forecaster, {}, []
         for changes in filters:
             settings = arranged.replace(**changes)
-            at = self.situation(settings)
-            kernels = wanted_size(at, sizes) if settings.filter == "pcss" else None
-            depends = {"map_size": sides, "depth_format": wanted_format(at, sizes, kernels)}
-            if kernels is not None:
-                depends["filter_size"] = kernels
-            if settings.filter not in texels:  # taps change none
-                texels[settings.filter] = (
-                    told.aliasing(settings, sizes, kernels),
-                    told.leak(settings, sizes, kernels),
-                )
-            expected = told.expected(settings, sizes, kernels, texels[settings.filter])
+            if settings.filter not in known:  # taps change none of it
+                at, kernels, depends = self.situation(settings), None, {"map_size": sides}
+                if settings.filter == "pcss":
+                    kernels = depends["filter_size"] = wanted_size(at, sizes)
+                depends["depth_format"] = wanted_format(at, sizes, kernels)
+                known[settings.filter] = depends, told.missed(settings, sizes, kernels)
+            depends, missed = known[settings.filter]
+            expected = told.expected(settings, sizes, missed=missed)
             parts = (expected.error, expected.held, expected.left_out)
             parts = (_each(one, len(sizes)) for one in parts)
             found.append(Family(settings, sizes, depends, Expected(*parts)))
@@ -207,8 +220,20 @@ class Search:
     def _places(self):
         """Family and row of every candidate (m, 2)."""
         counts = [len(one.sizes) for one in self.families]
-        rows = np.concatenate([np.arange(count) for count in counts])
-        return np.stack([np.repeat(np.arange(len(counts)), counts), rows], axis=1)
+        number = np.repeat(np.arange(len(counts)), counts)
+        first = np.cumsum(counts) - counts
+        return np.stack([number, np.arange(len(number)) - first[number]], axis=1)
+
+    def _by_family(self, of):
+        """What a function says of each family, for every candidate (m,)."""
+        return np.array([of(one) for one in self.families])[self._places[:, 0]]
+
+    @cached_property
+    def _expected(self):
+        """What is expected of every candidate, (m,) each."""
+        names = ("error", "held", "left_out")
+        every = [one.expected for one in self.families]
+        return Expected(*(np.concatenate([getattr(one, name) for one in every]) for name in names))
 
     @cached_property
     def _allowed(self):
@@ -227,19 +252,15 @@ class Search:
             )
         return found
 
-    def _column(self, name):
-        """A part of what is expected of every candidate (m,)."""
-        return np.concatenate([getattr(one.expected, name) for one in self.families])
-
     def _costs(self, model):
         """Forecast of every candidate (m,) [ms]."""
         if model not in self._known_costs:
-            self._known_costs[model] = np.concatenate([
-                _each(
-                    forecast_cost(one.arranged, self.forecaster, model, one.sizes), len(one.sizes)
-                )
-                for one in self.families
-            ])  # fmt: skip
+            costs = []
+            for sized in self._sized:
+                arranged, sizes = sized[0].arranged, sized[0].sizes
+                maps = _each(model.maps(arranged, self.forecaster, sizes), len(sizes))
+                costs += [maps + model.others(one.arranged, self.forecaster) for one in sized]
+            self._known_costs[model] = np.concatenate(costs)
         return self._known_costs[model]
 
     def _candidate(self, at, costs):
@@ -264,7 +285,7 @@ class Search:
         """
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
         reach = budget if reach is None else reach
-        costs, error = self._costs(model), self._column("error")
+        costs, error = self._costs(model), self._expected.error
         texels = np.concatenate([one.texels for one in self.families])
 
         def least(among, *keys):
@@ -289,12 +310,11 @@ class Search:
             return least(affordable, error, costs, texels)
         called_for = self.families[0].arranged.filter
         affordable &= self._filtered_by(called_for)
-        expected = Expected(error, self._column("held"), self._column("left_out"))
-        good = affordable & self._knee(called_for, model).holds(expected)
+        knee = self._knee(called_for, model)
+        good = affordable & knee.holds(self._expected)
         if good.any():
-            full = forecast_cost(self._everything_on(called_for), self.forecaster, model)
-            nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * full)
-            effects = np.array([one.effects for one in self.families])[self._places[:, 0]]
+            nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * knee.full_ms)
+            effects = self._by_family(lambda one: one.effects)
             nearly_free &= effects == effects[nearly_free].min()
             nearly_free &= error <= error[nearly_free].min() + NO_MATTER
             return least(nearly_free, costs, error, texels)
@@ -310,24 +330,24 @@ class Search:
         """
         if (called_for, model) in self._known_knees:  # a path asks about every candidate
             return self._known_knees[called_for, model]
-        full = self.forecaster.expected(self._everything_on(called_for))
+        everything, told = self._everything_on(called_for), self._expected
+        full = self.forecaster.expected(everything)
         margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
         held = full.held + margin
         left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra()) + margin
         among = self._allowed & self._filtered_by(called_for)
-        among &= (self._column("held") <= held) & (self._column("left_out") <= left_out)
+        among &= (told.held <= held) & (told.left_out <= left_out)
         most = -math.inf
         if among.any():
             rows = np.flatnonzero(among)
-            most = float(self._column("error")[rows[self._costs(model)[rows].argmin()]])
-
-        knee = self._known_knees[called_for, model] = _Knee(held, left_out, most)
+            most = float(told.error[rows[self._costs(model)[rows].argmin()]])
+        full_ms = float(forecast_cost(everything, self.forecaster, model))
+        knee = self._known_knees[called_for, model] = _Knee(held, left_out, most, full_ms)
         return knee
 
     def _filtered_by(self, name):
         """Which candidates have a filter (m,)."""
-        filters = np.array([one.arranged.filter == name for one in self.families])
-        return filters[self._places[:, 0]]
+        return self._by_family(lambda one: one.arranged.filter == name)
 
     def _everything_on(self, called_for):
         first = self.signals.views[0]
