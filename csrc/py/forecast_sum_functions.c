@@ -77,9 +77,10 @@ static PyObject *finish_sum(PyObject *module, sum_arguments *in, bool parsed, cs
     return parsed ? csm_py_raise(module, err) : NULL;
 }
 
-PyDoc_STRVAR(sum_capped_doc, "sum_capped(window, sides, values, weights, most)\n--\n\n"
-                             "(k,) sums of weights * min(values / side, most) over points, for "
-                             "sides (k, 1) or, of their windows, (k, n); of (1,) or (n,) a number.");
+PyDoc_STRVAR(sum_capped_doc,
+             "sum_capped(window, sides, values, weights, most)\n--\n\n"
+             "(k,) sums of weights * min(values / side, most) over points, for "
+             "sides (k, 1) or, of their windows, (k, n); of (1,) or (n,) a number.");
 
 static PyObject *sum_capped(PyObject *module, PyObject *args, PyObject *kwargs) {
     static char *keywords[] = {"window", "sides", "values", "weights", "most", NULL};
