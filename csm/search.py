@@ -379,6 +379,20 @@ class Search:
         )
         return Forecast(error, ms, met)
 
+    @cached_property
+    def _plain(self):
+        """Settings of plain windows, however many: what signals call for by themselves."""
+        signals = self.signals
+        faces = wanted_faces(signals)
+        skewed = signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
+        return ShadowSettings(
+            fit="visible",
+            snap="exact" if signals.camera_moves or signals.sun_moves else "none",
+            caster_faces=faces,
+            bias="manual" if faces == "back" and signals.bias_matters <= FACES_SHARE else "auto",
+            light_basis="world" if skewed else "orthonormal",
+        )
+
     def _arrangements(self, count):
         """Settings for so many cascades: plain, and with splits and axes that the forecast likes.
 
@@ -386,19 +400,9 @@ class Search:
         """
         signals = self.signals
         moves = signals.camera_moves or signals.sun_moves
-        faces = wanted_faces(signals)
-        settings = ShadowSettings(
-            cascade_count=count,
-            fit="visible",
-            snap="exact" if moves else "none",
-            cull="exclusive" if count > 1 and signals.needless_chunks else "inclusive",
-            caster_faces=faces,
-            bias="manual" if faces == "back" and signals.bias_matters <= FACES_SHARE else "auto",
-            light_basis=(
-                "world"
-                if signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
-                else "orthonormal"
-            ),
+        exclusive = count > 1 and signals.needless_chunks
+        settings = self._plain.replace(
+            cascade_count=count, cull="exclusive" if exclusive else "inclusive"
         )
         every = [settings]
         if signals.orthographic:
