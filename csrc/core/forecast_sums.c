@@ -1,133 +1,124 @@
 /* forecast_sums.c: what texels of many sizes miss, summed up over the points of a view.
  *
- * In: what a map of one texel makes of each point, and sides of maps. Out: a number a size. What a
- * point adds has a bend, on one side of which it goes with the inverse of the side. Most points lie
- * on the same side of it under all sizes: their factors are summed up, once for all sizes.
+ * In: what a map of one texel makes of each point, and sides of maps. Out: a number a size. Some
+ * sizes at a time are the inner loop: each has a sum of its own, in the order of the points, so
+ * that none hangs on what other sizes are asked about.
  */
 #include "csm.h"
 
 #include <math.h>
 #include <stdlib.h>
 
-/* Of one column: inverses of its sides, the largest and the least of them, and the sums of points
- * that no size bends: `constant` + `linear` times the inverse. */
-typedef struct size_column {
-    const double *inverses;
-    double most, least, constant, linear;
-} size_column;
+enum {
+    LANES = 6
+}; /* sizes at a time, whose sums stay in registers; three times those of a search */
 
-/* A column for each of `sized`, over inverses that lie behind them; NULL without memory. */
-static size_column *columns_of(const csm_sized *sized, csm_error *err) {
+/* Sides' inverses: of LANES sizes the columns one behind the other, then of the next ones; and the
+ * largest and the least of them. */
+typedef struct inverse_sides {
+    double *values;
+    double most, least;
+} inverse_sides;
+
+static csm_status invert_sides(const csm_sized *sized, inverse_sides *out, csm_error *err) {
     const size_t sizes = sized->size_count, columns = sized->columns;
-    size_column *out = malloc(columns * sizeof *out + (sizes * columns + 1) * sizeof(double));
-    if (!out) {
-        csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu sizes of maps", sizes);
-        return NULL;
+    const size_t blocks = (sizes + LANES - 1) / LANES;
+    *out = (inverse_sides){calloc(blocks * LANES * columns + 1, sizeof(double)), 0.0, INFINITY};
+    if (!out->values) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu sizes of maps", sizes);
     }
-    double *inverses = (double *)(out + columns);
-    for (size_t column = 0; column < columns; column++, inverses += sizes) {
-        out[column] = (size_column){.inverses = inverses, .least = INFINITY};
-        for (size_t k = 0; k < sizes; k++) {
+    for (size_t k = 0; k < sizes; k++) {
+        double *row = out->values + k / LANES * LANES * columns + k % LANES;
+        for (size_t column = 0; column < columns; column++) {
             const double inverse = 1.0 / sized->sides[k * columns + column];
-            inverses[k] = inverse;
-            out[column].most = inverse > out[column].most ? inverse : out[column].most;
-            out[column].least = inverse < out[column].least ? inverse : out[column].least;
+            row[column * LANES] = inverse;
+            out->most = inverse > out->most ? inverse : out->most;
+            out->least = inverse < out->least ? inverse : out->least;
         }
     }
-    return out;
-}
-
-static size_column *column_of(const csm_sized *sized, size_column *columns, size_t point) {
-    return sized->columns == 1 ? columns : columns + sized->window[point];
-}
-
-static void clear_sums(const csm_sized *sized, double *out) {
-    for (size_t k = 0; k < sized->size_count; k++) {
-        out[k] = 0.0;
-    }
-}
-
-/* Adds what no size bends, and lets go of the columns. */
-static csm_status finish_sums(const csm_sized *sized, size_column *columns, double *out) {
-    for (size_t column = 0; column < sized->columns; column++) {
-        const size_column *from = &columns[column];
-        for (size_t k = 0; k < sized->size_count; k++) {
-            const double whole = from->constant + from->linear * from->inverses[k];
-            out[k] += whole > 0.0 ? whole : 0.0; /* below by rounding */
-        }
-    }
-    free(columns);
     return CSM_OK;
+}
+
+/* Those of sizes `k` and following under which a point lies. */
+static const double *inverses_at(const csm_sized *sized, const inverse_sides *from, size_t k,
+                                 size_t point) {
+    const size_t column = sized->columns == 1 ? 0 : (size_t)sized->window[point];
+    return from->values + k * sized->columns + column * LANES;
+}
+
+/* Sums of sizes `k` and following to where they belong. */
+static void put_sums(const csm_sized *sized, const double sums[LANES], size_t k, double *out) {
+    for (size_t lane = 0; lane < LANES && k + lane < sized->size_count; lane++) {
+        out[k + lane] = sums[lane];
+    }
 }
 
 csm_status csm_sum_capped(const csm_sized *sized, const double *values, const double *weights,
                           double most, double *out, csm_error *err) {
-    size_column *columns = columns_of(sized, err);
-    if (!columns) {
+    inverse_sides sides;
+    if (invert_sides(sized, &sides, err) != CSM_OK) {
         return CSM_ERROR_OUT_OF_MEMORY;
     }
-    clear_sums(sized, out);
-    for (size_t i = 0; i < sized->point_count; i++) {
-        size_column *column = column_of(sized, columns, i);
-        const double value = values[i], weight = weights[i];
-        if (value * column->most <= most) {
-            column->linear += weight * value;
-            continue;
+    for (size_t k = 0; k < sized->size_count; k += LANES) {
+        double sums[LANES] = {0.0};
+        for (size_t i = 0; i < sized->point_count; i++) {
+            const double *inverse = inverses_at(sized, &sides, k, i);
+            const double value = weights[i] * values[i], cap = weights[i] * most;
+            for (int lane = 0; lane < LANES; lane++) {
+                const double one = value * inverse[lane];
+                sums[lane] += one < cap ? one : cap;
+            }
         }
-        for (size_t k = 0; k < sized->size_count; k++) {
-            const double one = value * column->inverses[k];
-            out[k] += weight * (one < most ? one : most);
-        }
+        put_sums(sized, sums, k, out);
     }
-    return finish_sums(sized, columns, out);
+    free(sides.values);
+    return CSM_OK;
 }
 
 csm_status csm_sum_missing(const csm_sized *sized, const double *values, const double *wide,
                            const double *weights, double *out, csm_error *err) {
-    size_column *columns = columns_of(sized, err);
-    if (!columns) {
+    inverse_sides sides;
+    if (invert_sides(sized, &sides, err) != CSM_OK) {
         return CSM_ERROR_OUT_OF_MEMORY;
     }
-    clear_sums(sized, out);
-    for (size_t i = 0; i < sized->point_count; i++) {
-        size_column *column = column_of(sized, columns, i);
-        const double value = values[i], width = wide[i], weight = weights[i];
-        if (!(width > value * column->least)) { /* not under any size */
-            continue;
+    for (size_t k = 0; k < sized->size_count; k += LANES) {
+        double sums[LANES] = {0.0};
+        for (size_t i = 0; i < sized->point_count; i++) {
+            if (!(wide[i] > values[i] * sides.least)) { /* most: kernels hold what is wide */
+                continue;
+            }
+            const double *inverse = inverses_at(sized, &sides, k, i);
+            const double value = values[i], width = wide[i], weight = weights[i];
+            for (int lane = 0; lane < LANES; lane++) {
+                const double missing = width - value * inverse[lane];
+                sums[lane] += weight * (missing > 0.0 ? missing : 0.0);
+            }
         }
-        if (width >= value * column->most) {
-            column->constant += weight * width;
-            column->linear -= weight * value;
-            continue;
-        }
-        for (size_t k = 0; k < sized->size_count; k++) {
-            const double missing = width - value * column->inverses[k];
-            out[k] += weight * (missing > 0.0 ? missing : 0.0);
-        }
+        put_sums(sized, sums, k, out);
     }
-    return finish_sums(sized, columns, out);
+    free(sides.values);
+    return CSM_OK;
 }
 
 csm_status csm_count_less(const csm_sized *sized, const double *gaps, const double *values,
                           int64_t *out, csm_error *err) {
-    size_column *columns = columns_of(sized, err);
-    if (!columns) {
+    inverse_sides sides;
+    if (invert_sides(sized, &sides, err) != CSM_OK) {
         return CSM_ERROR_OUT_OF_MEMORY;
     }
     for (size_t k = 0; k < sized->size_count; k++) {
         out[k] = 0;
     }
     for (size_t i = 0; i < sized->point_count; i++) {
-        const size_column *column = column_of(sized, columns, i);
         const double value = values[i], gap = gaps[i];
-        if (!(gap < value * column->most)) { /* most: what is lit has no gap */
+        if (!(gap < value * sides.most)) { /* most: what is lit has no gap */
             continue;
         }
         for (size_t k = 0; k < sized->size_count; k++) {
-            out[k] += gap < value * column->inverses[k];
+            out[k] += gap < value * inverses_at(sized, &sides, k / LANES * LANES, i)[k % LANES];
         }
     }
-    free(columns);
+    free(sides.values);
     return CSM_OK;
 }
 
