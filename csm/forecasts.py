@@ -12,7 +12,7 @@ from . import _core
 from .arrangements import FARTHEST, USUAL, arrange, fit_windows, narrowest
 from .settings import ShadowSettings, map_sizes
 
-__all__ = ["Expected", "Forecaster", "sides_of"]
+__all__ = ["Expected", "Forecaster", "Missed", "rest_of", "sides_of"]
 
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
 DISC = 2.0 / (3.0 * math.pi)
@@ -136,7 +136,7 @@ class Forecaster:
         """
         return self.expected(settings, map_size).error
 
-    def expected(self, settings, map_size=None, filter_size=None, missed=None):
+    def expected(self, settings, map_size=None, filter_size=None):
         """Expected error, and what the kernel of soft shadows has to do with it.
 
         Parameters
@@ -144,8 +144,6 @@ class Forecaster:
         settings : ShadowSettings
         map_size, filter_size : int, (k,) or, of maps, (k, n) int, optional
             Of all maps, and of the kernel, instead of those of the settings.
-        missed : Missed, optional
-            What `missed` says of them, if that is known.
 
         Returns
         -------
@@ -154,12 +152,24 @@ class Forecaster:
         if settings.filter == "none":
             dark = float(self.signals.shadowed_share)
             return Expected(dark, dark, 0.0)
-        if missed is None:
-            missed = self.missed(settings, map_size, filter_size)
+        return self.together(self.missed(settings, map_size, filter_size), rest_of(settings))
+
+    def together(self, missed, rest):
+        """Errors of what is missed, under filters that leave a rest of penumbrae.
+
+        Parameters
+        ----------
+        missed : Missed
+        rest : float or (k,) float64
+            From `rest_of`.
+
+        Returns
+        -------
+        expected : Expected
+        """
         aliasing, leak, left = missed
-        held = error = np.hypot(aliasing, self.softness(settings, 0.0)) + leak
-        if settings.filter == "pcss":
-            error = np.hypot(aliasing, self.softness(settings, left)) + leak
+        held = np.hypot(aliasing, self._softness(rest, 0.0)) + leak
+        error = np.hypot(aliasing, self._softness(rest, left)) + leak
         return Expected(np.minimum(error, 1.0), held, left)
 
     def missed(self, settings, map_size=None, filter_size=None):
@@ -197,12 +207,13 @@ class Forecaster:
         share : float, or (k,) float64
             `penumbra` under hard edges.
         """
-        soft = self.penumbra()
         if settings.filter != "pcss":
-            return soft
-        rest = SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
+            return self.penumbra()
         left = self.left_out(settings) if left is None else left
-        return rest * (soft - left) + left
+        return self._softness(rest_of(settings), left)
+
+    def _softness(self, rest, left):
+        return rest * (self.penumbra() - left) + left
 
     def left_out(self, settings, map_size=None, filter_size=None):
         """Mean absolute error of penumbrae that are as wide as a kernel can make them.
@@ -424,6 +435,13 @@ class Forecaster:
 _windows_of = attrgetter(
     *(one.name for one in fields(ShadowSettings) if one.name not in WITHOUT_WINDOWS)
 )
+
+
+def rest_of(settings):
+    """Of penumbrae that a kernel holds, the share that a filter misses: hard edges all of it."""
+    if settings.filter != "pcss":
+        return 1.0
+    return SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
 
 
 def sides_of(settings, map_size=None):

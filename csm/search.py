@@ -20,13 +20,12 @@ from .decisions import (
     WORLD_ELEVATION_DEG,
     Situation,
     wanted_faces,
-    wanted_format,
     wanted_size,
 )
-from .forecasts import Expected, Forecaster
+from .forecasts import Expected, Forecaster, Missed, rest_of
 from .map_shares import filling_burden, size_parts, unequal_sizes
 from .plans import map_bytes
-from .settings import ShadowSettings, map_texels
+from .settings import ShadowSettings, changed, map_texels
 from .verification import everything_on
 
 __all__ = ["Forecast", "Search"]
@@ -149,9 +148,8 @@ class Search:
         if not sum(view.facing_count for view in self.signals.views):
             # only even splits can begin at or behind an orthographic camera
             split = "uniform" if self.signals.orthographic else "practical"
-            dark, nothing = ShadowSettings(filter="none", split=split), np.zeros(1)
-            sizes = np.array([SMALLEST])
-            return [[Family(dark, sizes, {"map_size": [SMALLEST]}, Expected(*3 * (nothing,)))]]
+            dark = self.situation(ShadowSettings(filter="none", split=split))
+            return [[Family(dark, np.array([SMALLEST]), Missed(0.0, 0.0, 0.0))]]
         filters = self._filters()
         return [
             self._filtered(sized, sizes, filters)
@@ -191,25 +189,18 @@ class Search:
         # side by side at most: an atlas of them is no larger than the largest map
         sizes = sizes[sizes.sum(axis=1) <= self._largest]
         unequal = sizes[(sizes != sizes[:, :1]).any(axis=1)]
-        return [*every, (arranged.replace(storage="atlas"), unequal)] if len(unequal) else every
+        return [*every, (changed(arranged, storage="atlas"), unequal)] if len(unequal) else every
 
     def _filtered(self, arranged, sizes, filters):
-        """Candidates of an arrangement under each filter, one a size, with all that hangs on it."""
-        sides = [tuple(one) if sizes.ndim == 2 else one for one in sizes.tolist()]
+        """Candidates of an arrangement under each filter, one a size."""
         told, known, found = self.forecaster, {}, []
         for changes in filters:
-            settings = arranged.replace(**changes)
-            if settings.filter not in known:  # taps change none of it
-                at, kernels, depends = self.situation(settings), None, {"map_size": sides}
-                if settings.filter == "pcss":
-                    kernels = depends["filter_size"] = wanted_size(at, sizes)
-                depends["depth_format"] = wanted_format(at, sizes, kernels)
-                known[settings.filter] = depends, told.missed(settings, sizes, kernels)
-            depends, missed = known[settings.filter]
-            expected = told.expected(settings, sizes, missed=missed)
-            parts = (expected.error, expected.held, expected.left_out)
-            parts = (_each(one, len(sizes)) for one in parts)
-            found.append(Family(settings, sizes, depends, Expected(*parts)))
+            at = self.situation(changed(arranged, **changes))
+            name = at.settings.filter
+            if name not in known:  # taps change none of it
+                kernels = wanted_size(at, sizes) if name == "pcss" else None
+                known[name] = told.missed(at.settings, sizes, kernels), kernels
+            found.append(Family(at, sizes, *known[name]))
         return found
 
     def situation(self, settings):
@@ -231,9 +222,13 @@ class Search:
     @cached_property
     def _expected(self):
         """What is expected of every candidate, (m,) each."""
-        names = ("error", "held", "left_out")
-        every = [one.expected for one in self.families]
-        return Expected(*(np.concatenate([getattr(one, name) for one in every]) for name in names))
+        missed, end = np.empty((len(Missed._fields), len(self._places))), 0
+        for one in self.families:
+            start, end = end, end + len(one.sizes)
+            for column, values in zip(missed, one.missed, strict=True):
+                column[start:end] = values
+        rest = self._by_family(lambda one: rest_of(one.arranged))
+        return self.forecaster.together(Missed(*missed), rest)
 
     @cached_property
     def _allowed(self):
@@ -265,7 +260,9 @@ class Search:
 
     def _candidate(self, at, costs):
         number, row = self._places[at]
-        return self.families[number].candidate(row, costs[at])
+        told = self._expected
+        expected = Expected(float(told.error[at]), float(told.held[at]), float(told.left_out[at]))
+        return self.families[number].candidate(row, expected, costs[at])
 
     def choose(self, model, reach=None, without=()):
         """The candidate that the goal asks for.
@@ -286,7 +283,9 @@ class Search:
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
         reach = budget if reach is None else reach
         costs, error = self._costs(model), self._expected.error
-        texels = np.concatenate([one.texels for one in self.families])
+        texels = np.concatenate(
+            [part for one in self._sized for part in len(one) * [one[0].texels]]
+        )
 
         def least(among, *keys):
             rows = np.flatnonzero(among)
@@ -401,12 +400,12 @@ class Search:
         signals = self.signals
         moves = signals.camera_moves or signals.sun_moves
         exclusive = count > 1 and signals.needless_chunks
-        settings = self._plain.replace(
-            cascade_count=count, cull="exclusive" if exclusive else "inclusive"
+        settings = changed(
+            self._plain, cascade_count=count, cull="exclusive" if exclusive else "inclusive"
         )
         every = [settings]
         if signals.orthographic:
-            every = [settings.replace(split="uniform")]
+            every = [changed(settings, split="uniform")]
         elif count > 1:
             every = self._split(settings)
         # more maps that save nothing are considered where finer ones are wanted than a map can be
@@ -435,13 +434,13 @@ class Search:
 
     def _split(self, settings):
         """Settings by the scheme that costs least, and by what is seen if that costs less."""
-        schemes = [settings.replace(**one) for one in SPLITS]
+        schemes = [changed(settings, **one) for one in SPLITS]
         held = [one for one in schemes if not self.forecaster.has_idle_cascades(one)]
         burdens = [self._burden(one) for one in held]
         best = [
             one for one, it in zip(held, burdens, strict=True) if it <= min(burdens) / (1.0 - GAIN)
         ]
-        seen = settings.replace(split="sdsm")
+        seen = changed(settings, split="sdsm")
         every = best[:1]
         if not held or self._burden(seen) < (1.0 - GAIN) * min(burdens):
             every.append(seen)
@@ -456,17 +455,17 @@ class Search:
             return settings
         if self._gains(settings, select="interval"):
             return settings
-        return settings.replace(select="interval")
+        return changed(settings, select="interval")
 
     def _gains(self, settings, **changes):
         """Whether settings are better than changed ones by what counts."""
-        return self._missed(settings) < (1.0 - GAIN) * self._missed(settings.replace(**changes))
+        return self._missed(settings) < (1.0 - GAIN) * self._missed(changed(settings, **changes))
 
     def _better(self, settings, gain=GAIN, **changes):
         """Changed settings, if the forecast gains by them what counts; in a list."""
-        changed = settings.replace(**changes)
-        better = self._missed(changed) < (1.0 - gain) * self._missed(settings)
-        return [changed] if better else []
+        other = changed(settings, **changes)
+        better = self._missed(other) < (1.0 - gain) * self._missed(settings)
+        return [other] if better else []
 
     def _missed(self, settings):
         """What edges miss by maps of one usual size, but for a factor of them all."""

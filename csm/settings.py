@@ -451,6 +451,29 @@ class ShadowSettings(Recorded):
         return other
 
 
+def changed(settings, **changes):
+    """`ShadowSettings.replace` by words and numbers of a program's own, which are right.
+
+    A search makes many settings of a few such words. Of what settings say together nothing is
+    known before the core is given them, which asks about all.
+
+    Parameters
+    ----------
+    settings : ShadowSettings
+        With maps of one size.
+    **changes
+        Settings by name.
+
+    Returns
+    -------
+    changed : ShadowSettings
+    """
+    other = object.__new__(type(settings))
+    other.__dict__.update(settings.__dict__)
+    other.__dict__.update(changes)
+    return other
+
+
 def draw_alike(one, other):
     """Whether settings are equal but for what has no meaning in them: `ShadowSettings.canonical`.
 

@@ -3,44 +3,26 @@
 
 #include <string.h>
 
-/* Choices of an effect as a tuple of Python's own strings, made once; borrowed, NULL with an
- * exception. */
-static PyObject *choices_of(int effect) {
-    static PyObject *known[CSM_EFFECT_COUNT];
-    if (known[effect]) {
-        return known[effect];
-    }
-    PyObject *text = PyUnicode_FromString(csm_effect_describe(effect)->choices);
-    PyObject *list = text ? PyUnicode_Split(text, NULL, -1) : NULL;
-    PyObject *tuple = list ? PyList_AsTuple(list) : NULL;
-    for (Py_ssize_t i = 0; tuple && i < PyTuple_GET_SIZE(tuple); i++) {
-        PyUnicode_InternInPlace(&PyTuple_GET_ITEM(tuple, i));
-    }
-    Py_XDECREF(text);
-    Py_XDECREF(list);
-    return known[effect] = tuple;
-}
-
-/* Number of a choice, -1 with an exception if it is none of the effect's. */
-static int choice_number(int effect, PyObject *value) {
-    PyObject *choices = choices_of(effect);
-    if (!choices) {
-        return -1;
-    }
-    const Py_ssize_t count = PyTuple_GET_SIZE(choices);
-    for (Py_ssize_t i = 0; i < count; i++) { /* words of a program are Python's own mostly, too */
-        if (PyTuple_GET_ITEM(choices, i) == value) {
-            return (int)i;
+/* Number of a choice in a row's list, -1 with an exception if it is none of them. */
+static int choice_number(const csm_effect_info *row, PyObject *value) {
+    Py_ssize_t wanted = 0;
+    const char *choice = PyUnicode_Check(value) ? PyUnicode_AsUTF8AndSize(value, &wanted) : NULL;
+    int number = 0;
+    for (const char *at = row->choices; choice && *at; number++) {
+        Py_ssize_t length = 0;
+        bool same = true;
+        for (; at[length] && at[length] != ' '; length++) {
+            same = same && length < wanted && at[length] == choice[length];
         }
-    }
-    for (Py_ssize_t i = 0; i < count && PyUnicode_Check(value); i++) {
-        if (PyUnicode_Compare(PyTuple_GET_ITEM(choices, i), value) == 0) {
-            return (int)i;
+        if (same && length == wanted) {
+            return number;
         }
+        at += length + (at[length] == ' ');
     }
-    const csm_effect_info *row = csm_effect_describe(effect);
-    PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name, row->choices,
-                 value);
+    if (!PyErr_Occurred()) {
+        PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name, row->choices,
+                     value);
+    }
     return -1;
 }
 
@@ -55,8 +37,7 @@ static PyObject *field(PyObject *settings, PyObject *own, const char *name) {
     return PyErr_Occurred() ? NULL : csm_py_attribute(settings, name);
 }
 
-static int parse_effect(PyObject *settings, PyObject *own, int effect, int *out) {
-    const csm_effect_info *row = csm_effect_describe(effect);
+static int parse_effect(PyObject *settings, PyObject *own, const csm_effect_info *row, int *out) {
     PyObject *value = field(settings, own, row->name);
     if (!value) {
         return -1;
@@ -65,7 +46,7 @@ static int parse_effect(PyObject *settings, PyObject *own, int effect, int *out)
     if (row->type == CSM_TYPE_INT) {
         status = csm_py_int(value, row->name, out);
     } else {
-        *out = row->type == CSM_TYPE_ENUM ? choice_number(effect, value) : PyObject_IsTrue(value);
+        *out = row->type == CSM_TYPE_ENUM ? choice_number(row, value) : PyObject_IsTrue(value);
         status = *out < 0 ? -1 : 0;
     }
     Py_DECREF(value);
@@ -129,8 +110,8 @@ static int parse_number(PyObject *settings, PyObject *own, const char *name, dou
 
 static int parse_fields(PyObject *settings, PyObject *own, csm_settings *out) {
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
-        if (csm_effect_describe(i)->name[0] &&
-            parse_effect(settings, own, i, &out->effects[i]) < 0) {
+        const csm_effect_info *row = csm_effect_describe(i);
+        if (row->name[0] && parse_effect(settings, own, row, &out->effects[i]) < 0) {
             return -1;
         }
     }
@@ -191,12 +172,18 @@ static PyObject *validate_settings(PyObject *module, PyObject *object) {
     Py_RETURN_NONE;
 }
 
-static PyObject *effect_value(int effect, int value) {
-    switch (csm_effect_describe(effect)->type) {
-    case CSM_TYPE_ENUM: {
-        PyObject *choices = choices_of(effect);
-        return choices ? Py_XNewRef(PyTuple_GetItem(choices, value)) : NULL;
+static PyObject *choice_text(const csm_effect_info *row, int value) {
+    const char *at = row->choices;
+    for (; value > 0; value--) {
+        at += strcspn(at, " ") + 1;
     }
+    return PyUnicode_FromStringAndSize(at, (Py_ssize_t)strcspn(at, " "));
+}
+
+static PyObject *effect_value(const csm_effect_info *row, int value) {
+    switch (row->type) {
+    case CSM_TYPE_ENUM:
+        return choice_text(row, value);
     case CSM_TYPE_BOOL:
         return PyBool_FromLong(value);
     default:
@@ -242,7 +229,7 @@ static PyObject *canonical_settings(PyObject *module, PyObject *object) {
     double sizes[CSM_MAX_CASCADES];
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         const csm_effect_info *row = csm_effect_describe(i);
-        if (row->name[0] && set_item(dict, row->name, effect_value(i, settings.effects[i])) < 0) {
+        if (row->name[0] && set_item(dict, row->name, effect_value(row, settings.effects[i])) < 0) {
             goto fail;
         }
     }
@@ -300,7 +287,7 @@ static PyObject *effect_table(PyObject *module, PyObject *unused) {
         const csm_effect_info *row = csm_effect_describe(i);
         PyObject *item = Py_BuildValue(
             "{s:s,s:s,s:s,s:N,s:i,s:i,s:I,s:s,s:s}", "id", row->id, "name", row->name, "type",
-            types[row->type], "default", effect_value(i, row->default_value), "min", row->min,
+            types[row->type], "default", effect_value(row, row->default_value), "min", row->min,
             "max", row->max, "passes", row->passes, "choices", row->choices, "help", row->help);
         if (!item || PyList_Append(list, item) < 0) {
             Py_CLEAR(list);
