@@ -187,8 +187,8 @@ class Search:
             return every
         sizes = unequal_sizes(parts, largest)
         # side by side at most: an atlas of them is no larger than the largest map
-        sizes = sizes[sizes.sum(axis=1) <= self._largest]
-        unequal = sizes[(sizes != sizes[:, :1]).any(axis=1)]
+        held = sizes.sum(axis=1) <= self._largest
+        unequal = sizes[held & (sizes.min(axis=1) < sizes.max(axis=1))]
         return [*every, (changed(arranged, storage="atlas"), unequal)] if len(unequal) else every
 
     def _filtered(self, arranged, sizes, filters):

@@ -460,9 +460,8 @@ def changed(settings, **changes):
     Parameters
     ----------
     settings : ShadowSettings
-        With maps of one size.
     **changes
-        Settings by name.
+        Settings by name; another ``cascade_count`` of maps of several sizes with those.
 
     Returns
     -------
