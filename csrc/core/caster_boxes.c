@@ -95,24 +95,52 @@ static int held_in_part(const box_block *block, int out[BLOCK]) {
     return count;
 }
 
-static void add_box(const csm_casters *casters, box_block *block, int j, csm_caster_load *out) {
-    const size_t k = block->first + (size_t)j;
-    const double weight = casters->weight[k], area = casters->area[k];
-    const int kind = 2 * (area < 0.0) + casters->cut[k];
-    const double u = block->held[0][j], v = block->held[1][j];
-    double share = 1.0;
-    bool all = true;
-    for (int row = 0; row < 2; row++) {
-        const double held = block->held[row][j], whole = block->whole[row][j];
-        share *= held < whole ? held / whole : 1.0; /* by rounding more; edge on both are 0 */
-        all &= held >= whole * (1.0 - 1e-12);
+/* Of boxes that a map holds in part: the part, once round it by a half, and whether it is all. */
+typedef struct held_boxes {
+    double sides[2][BLOCK], whole[2][BLOCK], share[BLOCK], line[BLOCK], rest[BLOCK];
+} held_boxes;
+
+/* `rest`: 0 where the map holds all of a box, else 1. */
+static void measure_held(const box_block *block, const int *among, int count, held_boxes *out) {
+    for (int j = 0; j < count; j++) {
+        for (int row = 0; row < 2; row++) {
+            out->sides[row][j] = block->held[row][among[j]];
+            out->whole[row][j] = block->whole[row][among[j]];
+        }
     }
-    out->layers[kind] += weight * share * fabs(area);
-    /* a triangle that is cut off keeps no more outline than goes round what is left of its box */
-    out->lines[kind] += weight * 2.0 * sqrt(u * u + v * v);
-    out->triangles += weight;
-    out->needed += block->needed[j];
-    block->needed[j] = all ? 0.0 : block->needed[j];
+    const double *u = out->sides[0], *v = out->sides[1];
+    const double *whole_u = out->whole[0], *whole_v = out->whole[1];
+    for (int j = 0; j < count; j++) { /* by rounding a part may be more; edge on both are 0 */
+        const double share_u = u[j] < whole_u[j] ? u[j] / whole_u[j] : 1.0;
+        const double share_v = v[j] < whole_v[j] ? v[j] / whole_v[j] : 1.0;
+        out->share[j] = share_u * share_v;
+    }
+    for (int j = 0; j < count; j++) {
+        out->line[j] = 2.0 * sqrt(u[j] * u[j] + v[j] * v[j]);
+    }
+    for (int j = 0; j < count; j++) {
+        const double rest_u = u[j] >= whole_u[j] * (1.0 - 1e-12) ? 0.0 : 1.0;
+        const double rest_v = v[j] >= whole_v[j] * (1.0 - 1e-12) ? 0.0 : 1.0;
+        out->rest[j] = rest_u > rest_v ? rest_u : rest_v;
+    }
+}
+
+static void add_held(const csm_casters *casters, box_block *block, const int *among, int count,
+                     csm_caster_load *out) {
+    held_boxes held;
+    measure_held(block, among, count, &held);
+    for (int j = 0; j < count; j++) {
+        const size_t k = block->first + (size_t)among[j];
+        const double weight = casters->weight[k], area = casters->area[k];
+        const int kind = 2 * (area < 0.0) + casters->cut[k];
+        out->layers[kind] += weight * held.share[j] * fabs(area);
+        /* a triangle that is cut off keeps no more outline than goes round what is left of its
+         * box */
+        out->lines[kind] += weight * held.line[j];
+        out->triangles += weight;
+        out->needed += block->needed[among[j]];
+        block->needed[among[j]] *= held.rest[j];
+    }
 }
 
 void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_from_world)[16],
@@ -131,9 +159,7 @@ void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_
                 hold_block(&windows[i], row, &block, block.held[row], block.whole[row]);
             }
             const int met = held_in_part(&block, among);
-            for (int j = 0; j < met; j++) {
-                add_box(casters, &block, among[j], &out[i]);
-            }
+            add_held(casters, &block, among, met, &out[i]);
         }
     }
     for (int i = 0; i < count; i++) {
