@@ -9,9 +9,7 @@
 #include <math.h>
 #include <stdlib.h>
 
-enum {
-    LANES = 6
-}; /* sizes at a time, whose sums stay in registers; three times those of a search */
+enum { LANES = 6 }; /* sizes at a time, whose sums stay in registers */
 
 /* Sides' inverses: of LANES sizes the columns one behind the other, then of the next ones; and the
  * largest and the least of them. */
