@@ -219,6 +219,22 @@ def test_sums_are_those_of_every_point_under_every_size(sides):
     assert not len(sides) or (max(less) > 0 and max(values / 200.0) > 6.0)
 
 
+@pytest.mark.parametrize("columns", [1, 3])
+def test_sums_of_a_size_hang_on_no_other_size(columns):
+    """To the bit: a candidate is judged as settings of its own are."""
+    window, values, other, weights = points_of_maps()
+    sides = np.random.default_rng(columns).uniform(150.0, 4096.0, (17, columns))
+    for call, given in (
+        (_core.sum_capped, (values, weights, 6.0)),
+        (_core.sum_missing, (values, other, weights)),
+        (_core.count_less, (other, values)),
+    ):
+        together = call(window, sides, *given)
+        assert [call(window, row, *given) for row in sides] == together.tolist()
+        assert [call(window, row[None], *given)[0] for row in sides] == together.tolist()
+        assert len(set(together.tolist())) > 5
+
+
 def test_sums_over_nothing_are_nothing():
     none, sides = np.zeros(0), SIDES["equal"]
     window = none.astype(np.int32)
