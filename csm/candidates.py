@@ -5,8 +5,8 @@ from functools import cached_property
 
 import numpy as np
 
-from .decisions import is_default_split
-from .forecasts import Expected
+from .decisions import Situation, is_default_split, wanted_format
+from .forecasts import Expected, Missed
 from .settings import ShadowSettings, map_texels
 
 __all__ = ["Candidate", "Family", "cheapest", "finest"]
@@ -52,19 +52,36 @@ class Family:
 
     Attributes
     ----------
-    arranged : ShadowSettings
+    at : Situation
+        What rows are asked about the arrangement.
     sizes : (k,) or (k, n) int
         Of all maps, or of each.
-    changes : dict
-        Lists of as many values: sizes, and what hangs on them.
-    expected : Expected
-        Of arrays (k,).
+    missed : Missed
+        Of as many values, or of one for all.
+    kernels : list of int, optional
+        Of soft shadows [texels].
     """
 
-    arranged: ShadowSettings
+    at: Situation
     sizes: np.ndarray
-    changes: dict
-    expected: Expected
+    missed: Missed
+    kernels: list[int] | None = None
+
+    @property
+    def arranged(self):
+        """All settings but the size of the maps and what hangs on it."""
+        return self.at.settings
+
+    @cached_property
+    def changes(self):
+        """Lists of as many values: sizes, and what hangs on them; most are never asked for."""
+        sides = self.sizes.tolist()
+        changes = {"map_size": [tuple(one) for one in sides] if self.sizes.ndim == 2 else sides}
+        if self.kernels is not None:
+            changes["filter_size"] = self.kernels
+        if self.arranged.filter != "none":
+            changes["depth_format"] = wanted_format(self.at, self.sizes, self.kernels)
+        return changes
 
     @property
     def texels(self):
@@ -85,12 +102,8 @@ class Family:
             + (self.sizes.ndim == 2)
         )
 
-    def candidate(self, row, ms):
-        """One of them, with its cost."""
-        told = self.expected
-        expected = Expected(
-            float(told.error[row]), float(told.held[row]), float(told.left_out[row])
-        )
+    def candidate(self, row, expected, ms):
+        """One of them, with what is expected of it and its cost."""
         changes = {name: values[row] for name, values in self.changes.items()}
         return Candidate(
             self.arranged, changes["map_size"], expected.error, float(ms), changes, expected

@@ -87,13 +87,53 @@ class CostModel:
         maps : float, or (k,) float64
         others : float
         """
-        signals, count = forecaster.signals, settings.cascade_count
-        pixels = signals.pixels / 1e6
+        maps = self.maps(settings, forecaster, map_size)
+        return maps, self.others(settings, forecaster)
+
+    def maps(self, settings, forecaster, map_size=None):
+        """Milliseconds of the shadow maps, whatever the filter.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        forecaster : Forecaster
+        map_size : int, (k,) or (k, n) int, optional
+            Of all maps, instead of that of the settings.
+
+        Returns
+        -------
+        maps : float, or (k,) float64
+            0 without shadow maps.
+        """
+        if settings.filter == "none":
+            return 0.0
+        sides = sides_of(settings, map_size)
+        maps = (np.square(sides) / 1e6 * self.texel_costs(settings, forecaster, sides)).sum(axis=-1)
+        load = forecaster.load(settings)
+        drawn = load.needed if settings.cull == "exclusive" else load.triangles
+        return maps + (
+            self.map_triangle * float(drawn.sum()) / 1e3 + self.map_pass * settings.cascade_count
+        )
+
+    def others(self, settings, forecaster):
+        """Milliseconds of everything else, whatever the maps' sizes.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        forecaster : Forecaster
+
+        Returns
+        -------
+        others : float
+        """
+        signals, pixels = forecaster.signals, forecaster.signals.pixels / 1e6
         others = self.view_pixel * pixels + self.view_triangle * signals.scene_triangles / 1e3
         others += self.mask_pixel * pixels
         if settings.filter == "none":
-            return 0.0, others
-        others += self.mask_cascade * count * pixels * signals.seen_share * signals.facing_share
+            return others
+        facing = pixels * signals.seen_share * signals.facing_share
+        others += self.mask_cascade * settings.cascade_count * facing
         if settings.filter == "pcss":
             others += self.mask_tap * pixels * settings.tap_count
         if settings.fit == "visible":
@@ -101,11 +141,7 @@ class CostModel:
             others += self.turned_pixel * pixels if settings.turned else 0.0
         if settings.split == "sdsm":
             others += self.range_pixel * pixels
-        sides = sides_of(settings, map_size)
-        maps = (np.square(sides) / 1e6 * self.texel_costs(settings, forecaster, sides)).sum(axis=-1)
-        load = forecaster.load(settings)
-        drawn = load.needed if settings.cull == "exclusive" else load.triangles
-        return maps + self.map_triangle * drawn.sum() / 1e3 + self.map_pass * count, others
+        return others
 
     def texel_costs(self, settings, forecaster, sides):
         """Milliseconds of a million texels of each map, by what covers them.

@@ -18,7 +18,7 @@ from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
 from .costs import CostModel
 from .map_shares import WORTH, equal_side, size_parts, texels_spared, unequal_sizes
 from .plans import map_bytes
-from .settings import ShadowSettings, draw_alike, map_sizes, map_texels, maps_text
+from .settings import ShadowSettings, changed, draw_alike, map_sizes, map_texels, maps_text
 
 __all__ = [
     "COUNTS",
@@ -72,7 +72,7 @@ class Situation:
 
     def gain(self, **changes):
         """Share of the error that the settings save against changed ones, as forecast."""
-        without = self.forecaster.aliasing(self.settings.replace(**changes))
+        without = self.forecaster.aliasing(changed(self.settings, **changes))
         return 1.0 - self._aliasing / without if without > 0.0 else 0.0
 
     @cached_property
@@ -200,16 +200,16 @@ def value_of(effect, settings):
 # -- what rows ask --------------------------------------------------------------------------------
 
 
-def wanted_format(at, map_size=None, filter_size=None):
-    """Depth format: 16 bits where their step is below the bias that surfaces need anyway.
+def wanted_format(at, map_size, filter_size=None):
+    """Depth formats of sizes (k,): 16 bits where their step is below the bias that surfaces need.
 
-    Of sizes (k,) as many. Under a warp no step is the same everywhere: 32 bits.
+    Under a warp no step is the same everywhere: 32 bits.
     """
     if at.settings.warp != "none":
-        return np.full(np.shape(map_size)[:1], "d32f").tolist()
-    return np.where(
-        _quantum_16(at) < _needed_bias(at, map_size, filter_size), "d16", "d32f"
-    ).tolist()
+        return ["d32f"] * len(map_size)
+    step = _quantum_16(at)
+    needed = _needed_bias(at, map_size, filter_size).tolist()
+    return ["d16" if step < bias else "d32f" for bias in needed]
 
 
 def wanted_faces(signals):
@@ -323,6 +323,15 @@ def _percent(share):
     return f"{100.0 * share:.3g} %"
 
 
+def _count_measured(at):
+    ratio = f"depths in a ratio of {at.signals.depth_ratio:.3g}"
+    if not _several(at):
+        saved = max(0.0, -at.gain(**_equal_memory(at)))
+        return f"{ratio}; two maps of as many texels save {_percent(saved)}"
+    fewer = _fewer(at)
+    return f"{ratio}; {fewer['cascade_count']} leave {_percent(_excess(at, fewer))} more error"
+
+
 def _less(gain):
     """Share less, or, of a gain below nothing, more."""
     return f"{_percent(abs(gain))} {'less' if gain >= 0.0 else 'more'}"
@@ -355,13 +364,7 @@ TABLE = (
         source="forecast of every count and size: docs/recommendation.md, docs/numerics.md 13",
         cost="a map each: its texels, and its casters once more",
         taken=_several,
-        measured=lambda at: (
-            f"depths in a ratio of {at.signals.depth_ratio:.3g}; {_fewer(at)['cascade_count']} "
-            f"leave {_percent(_excess(at, _fewer(at)))} more error"
-            if _several(at)
-            else f"depths in a ratio of {at.signals.depth_ratio:.3g}; two maps of as many texels "
-            f"save {_percent(max(0.0, -at.gain(**_equal_memory(at))))}"
-        ),
+        measured=_count_measured,
         flipped=lambda at: _fewer(at) if _several(at) else _equal_memory(at),
     ),
     Decision(
@@ -642,8 +645,8 @@ TABLE = (
 
 def _split_gain(at):
     """How much error the split spares beside the default one, in as many texels."""
-    other = _other_split(at)
-    if other is None or is_default_split(at.settings):
+    other = None if is_default_split(at.settings) else _other_split(at)
+    if other is None:
         return ""
     scheme = split_text(at.settings)
     return f"{scheme}: {_less(at.gain(**other))} error than practical; "

@@ -4,6 +4,7 @@ import math
 from dataclasses import dataclass, fields
 from functools import cached_property
 from operator import attrgetter
+from typing import NamedTuple
 
 import numpy as np
 
@@ -11,7 +12,7 @@ from . import _core
 from .arrangements import FARTHEST, USUAL, Arranged, narrowest
 from .settings import ShadowSettings, map_sizes
 
-__all__ = ["Expected", "Forecaster", "sides_of"]
+__all__ = ["Expected", "Forecaster", "Missed", "rest_of", "sides_of"]
 
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
 DISC = 2.0 / (3.0 * math.pi)
@@ -59,6 +60,14 @@ class Expected:
     left_out: float
 
 
+class Missed(NamedTuple):
+    """What `Forecaster.aliasing`, `leak` and `left_out` say of settings, or of several (k,)."""
+
+    aliasing: float
+    leak: float
+    left_out: float
+
+
 class Forecaster:
     """Expected errors of settings for one scene, camera and sun.
 
@@ -97,20 +106,20 @@ class Forecaster:
         share : float, or (k,) float64
             0 without edges.
         """
-        area, pixels = 0.0, self._facing
         sides = _inside(settings, sides_of(settings, map_size), filter_size)
+        return self._aliasing(settings, sides, _unequal(settings, map_size))
+
+    def _aliasing(self, settings, sides, unequal):
+        area, pixels = 0.0, self._facing
         for number, view in enumerate(self.signals.views):
             if len(view.edges):
                 known = self._taken(number, settings)
-                area = area + _summed(
-                    _core.sum_capped,
-                    known.edge_cascade, sides, known.moved, view.edge_lengths, FARTHEST,
-                )  # fmt: skip
+                area = area + _core.sum_capped(
+                    known.edge_cascade, sides, known.moved, view.edge_lengths, FARTHEST
+                )
         factor = EDGE_FACTOR + THIN_FACTOR * self.signals.thin_share
-        sizes = map_sizes(settings) if map_size is None else map_size
-        if np.ndim(map_size) == 2 or (map_size is None and len(set(sizes)) > 1):
-            factor *= UNEQUAL
-        return factor * area / pixels if pixels else 0.0
+        factor *= UNEQUAL if unequal else 1.0
+        return factor / pixels * area if pixels else 0.0
 
     def error(self, settings, map_size=None):
         """Expected error, as ``max_error`` counts it: texels, and what a filter makes of penumbrae.
@@ -127,7 +136,7 @@ class Forecaster:
         """
         return self.expected(settings, map_size).error
 
-    def expected(self, settings, map_size=None, filter_size=None, texels=None):
+    def expected(self, settings, map_size=None, filter_size=None):
         """Expected error, and what the kernel of soft shadows has to do with it.
 
         Parameters
@@ -135,8 +144,6 @@ class Forecaster:
         settings : ShadowSettings
         map_size, filter_size : int, (k,) or, of maps, (k, n) int, optional
             Of all maps, and of the kernel, instead of those of the settings.
-        texels : (aliasing, leak), optional
-            What `aliasing` and `leak` say of them, if that is known.
 
         Returns
         -------
@@ -145,17 +152,46 @@ class Forecaster:
         if settings.filter == "none":
             dark = float(self.signals.shadowed_share)
             return Expected(dark, dark, 0.0)
-        if texels is None:
-            texels = (
-                self.aliasing(settings, map_size, filter_size),
-                self.leak(settings, map_size, filter_size),
-            )
-        (aliasing, leak), left = texels, 0.0
-        held = error = np.hypot(aliasing, self.softness(settings, 0.0)) + leak
-        if settings.filter == "pcss":
-            left = self.left_out(settings, map_size, filter_size)
-            error = np.hypot(aliasing, self.softness(settings, left)) + leak
+        return self.together(self.missed(settings, map_size, filter_size), rest_of(settings))
+
+    def together(self, missed, rest):
+        """Errors of what is missed, under filters that leave a rest of penumbrae.
+
+        Parameters
+        ----------
+        missed : Missed
+        rest : float or (k,) float64
+            From `rest_of`.
+
+        Returns
+        -------
+        expected : Expected
+        """
+        aliasing, leak, left = missed
+        held = np.hypot(aliasing, self._softness(rest, 0.0)) + leak
+        error = np.hypot(aliasing, self._softness(rest, left)) + leak
         return Expected(np.minimum(error, 1.0), held, left)
+
+    def missed(self, settings, map_size=None, filter_size=None):
+        """What is missed however many taps there are: the three of them at once.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+        map_size, filter_size : int, (k,) or, of maps, (k, n) int, optional
+            Of all maps, and of the kernel, instead of those of the settings.
+
+        Returns
+        -------
+        missed : Missed
+        """
+        sides = _inside(settings, sides_of(settings, map_size), filter_size)
+        soft = settings.filter == "pcss"
+        return Missed(
+            self._aliasing(settings, sides, _unequal(settings, map_size)),
+            self._leak(settings, sides),
+            self._left_out(settings, sides, filter_size) if soft else 0.0,
+        )
 
     def softness(self, settings, left=None):
         """Mean absolute error of penumbrae under the filter of the settings.
@@ -171,12 +207,13 @@ class Forecaster:
         share : float, or (k,) float64
             `penumbra` under hard edges.
         """
-        soft = self.penumbra()
         if settings.filter != "pcss":
-            return soft
-        rest = SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
+            return self.penumbra()
         left = self.left_out(settings) if left is None else left
-        return rest * (soft - left) + left
+        return self._softness(rest_of(settings), left)
+
+    def _softness(self, rest, left):
+        return rest * (self.penumbra() - left) + left
 
     def left_out(self, settings, map_size=None, filter_size=None):
         """Mean absolute error of penumbrae that are as wide as a kernel can make them.
@@ -198,18 +235,20 @@ class Forecaster:
         share : float, or (k,) float64
             0 where the kernel is as wide as all penumbrae, `penumbra` where it is nothing.
         """
-        kernel, area = settings.filter_size if filter_size is None else filter_size, 0.0
+        sides = _inside(settings, sides_of(settings, map_size), filter_size)
+        return self._left_out(settings, sides, filter_size)
+
+    def _left_out(self, settings, sides, filter_size):
+        area, pixels = 0.0, self._facing
         # a part q of the map reaches q times as far as all of it
-        sides = _inside(settings, sides_of(settings, map_size), filter_size) / _column(kernel)
+        parts = sides / _column(settings.filter_size if filter_size is None else filter_size)
         for number, view in enumerate(self.signals.views):
             if len(view.edges):
                 known, wide = self._taken(number, settings), self._penumbrae()[number]
-                area = area + _summed(
-                    _core.sum_missing,
-                    known.edge_cascade, sides, known.reach, wide, view.edge_lengths,
-                )  # fmt: skip
-        pixels = self._facing
-        return DISC * area / pixels if pixels else 0.0
+                area = area + _core.sum_missing(
+                    known.edge_cascade, parts, known.reach, wide, view.edge_lengths
+                )
+        return DISC / pixels * area if pixels else 0.0
 
     def kernel(self, settings, map_size):
         """Least kernel that holds the penumbrae.
@@ -226,12 +265,13 @@ class Forecaster:
             Odd, 5 to 65 texels; what leaves out a twentieth of what hard edges miss, and rounding.
         """
         sizes = np.asarray(map_size)
-        largest = sizes.max(axis=1) if sizes.ndim == 2 else sizes
-        parts = sizes[-1] / sizes[-1].max() if sizes.ndim == 2 else np.ones(1)
+        several = sizes.ndim == 2
+        largest = sizes.max(axis=1) if several else sizes
+        parts = sizes[-1] / sizes[-1].max() if several else np.ones(1)
         views = range(len(self.signals.views))
         wanted = max(self._least_part(number, settings, parts) for number in views)
         half = np.ceil(0.5 * np.minimum(wanted * largest, LARGEST_KERNEL))
-        return np.clip(2 * half.astype(int) + 3, 5, LARGEST_KERNEL)
+        return np.minimum(np.maximum(2 * half.astype(int) + 3, 5), LARGEST_KERNEL)
 
     def _least_part(self, number, settings, parts):
         """Least part of the largest map that a kernel must be wide, where maps are such parts."""
@@ -258,17 +298,18 @@ class Forecaster:
         -------
         share : float, or (k,) float64
         """
+        return self._leak(settings, _inside(settings, sides_of(settings, map_size), filter_size))
+
+    def _leak(self, settings, sides):
         if settings.bias != "auto":
             return 0.0
         lit = count = 0
-        sides = _inside(settings, sides_of(settings, map_size), filter_size)
         for number, view in enumerate(self.signals.views):
             if len(view.gaps):
                 known = self._taken(number, settings)
-                lit = lit + _summed(
-                    _core.count_less,
-                    known.receiver_cascade, sides, view.gaps, known.receiver_bias,
-                )  # fmt: skip
+                lit = lit + _core.count_less(
+                    known.receiver_cascade, sides, view.gaps, known.receiver_bias
+                )
             count += len(view.gaps)
         return lit / count if count else 0.0
 
@@ -388,6 +429,13 @@ _windows_of = attrgetter(
 )
 
 
+def rest_of(settings):
+    """Of penumbrae that a kernel holds, the share that a filter misses: hard edges all of it."""
+    if settings.filter != "pcss":
+        return 1.0
+    return SOFT_REST + SOFT_FEW * max(0.0, 16.0 / settings.tap_count - 1.0)
+
+
 def sides_of(settings, map_size=None):
     """Sides of the maps of settings, or of other sizes of all of them or of each.
 
@@ -407,10 +455,11 @@ def sides_of(settings, map_size=None):
     return sides if sides.ndim == 2 else sides[..., None]
 
 
-def _summed(summed, window, sides, *values):
-    """What a sum of the core makes of values at points: a number, or of sizes (k, ...) as many."""
-    found = summed(window, np.atleast_2d(sides), *values)
-    return found if sides.ndim == 2 else found[0]
+def _unequal(settings, map_size):
+    """Whether maps are of several sizes."""
+    if map_size is None:
+        return isinstance(settings.map_size, tuple) and len(set(settings.map_size)) > 1
+    return np.ndim(map_size) == 2
 
 
 def _inside(settings, sizes, filter_size=None):

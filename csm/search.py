@@ -20,13 +20,12 @@ from .decisions import (
     WORLD_ELEVATION_DEG,
     Situation,
     wanted_faces,
-    wanted_format,
     wanted_size,
 )
-from .forecasts import Expected, Forecaster
+from .forecasts import Expected, Forecaster, Missed, rest_of
 from .map_shares import filling_burden, size_parts, unequal_sizes
 from .plans import map_bytes
-from .settings import ShadowSettings, map_texels
+from .settings import ShadowSettings, changed, map_texels
 from .verification import everything_on
 
 __all__ = ["Forecast", "Search"]
@@ -71,11 +70,15 @@ class Forecast:
 
 @dataclass(frozen=True)
 class _Knee:
-    """Most that texels may miss, that kernels may leave out, or that both may err all in all."""
+    """Most that texels may miss, that kernels may leave out, or that both may err all in all.
+
+    And what everything on costs [ms].
+    """
 
     held: float
     left_out: float
     error: float
+    full_ms: float
 
     def holds(self, expected):
         """Whether what is expected, of one or of several settings, is no more than that."""
@@ -108,7 +111,7 @@ class Search:
     @property
     def most_bytes(self):
         """Bytes of the largest maps that are considered where nothing bounds them."""
-        side = max(size for size in SIZES if size <= self._largest)
+        side = int(self._sides[-1])
         return map_bytes(ShadowSettings(cascade_count=max(COUNTS), map_size=side))
 
     def candidates(self, model):
@@ -132,39 +135,50 @@ class Search:
 
     def least_error(self):
         """Forecast error of the most exact candidate."""
-        return float(self._column("error")[self._allowed].min())
+        return float(self._expected.error[self._allowed].min())
 
     @cached_property
     def families(self):
-        """Every arrangement, its sizes and filters, with forecasts of the error.
+        """Every arrangement, its sizes and filters, with forecasts of the error."""
+        return [family for sized in self._sized for family in sized]
 
-        The first filter is the one that is called for. Where hard edges are, soft ones may still be
-        what an error takes that was asked for.
-        """
+    @cached_property
+    def _sized(self):
+        """Of every arrangement and its sizes the families, one a filter."""
         if not sum(view.facing_count for view in self.signals.views):
             # only even splits can begin at or behind an orthographic camera
             split = "uniform" if self.signals.orthographic else "practical"
-            dark, nothing = ShadowSettings(filter="none", split=split), np.zeros(1)
-            sizes = np.array([SMALLEST])
-            return [Family(dark, sizes, {"map_size": [SMALLEST]}, Expected(*3 * (nothing,)))]
-        soft = self.signals.penumbra_pixels[2] >= SOFT_PIXELS
-        filters = [{"filter": "hard"}]
-        pcss = [{"filter": "pcss", "tap_count": taps} for taps in TAPS]
-        if soft:
-            filters = pcss + filters
-        elif self.goal["max_error"] is not None and self.signals.penumbra_pixels[2] > 0.0:
-            filters += pcss
+            dark = self.situation(ShadowSettings(filter="none", split=split))
+            return [[Family(dark, np.array([SMALLEST]), Missed(0.0, 0.0, 0.0))]]
+        filters = self._filters()
         return [
-            family
+            self._filtered(sized, sizes, filters)
             for count in COUNTS
             for arranged in self._arrangements(count)
             for sized, sizes in self._sizes(arranged)
-            for family in self._filtered(sized, sizes, filters)
         ]
+
+    def _filters(self):
+        """Changes for every filter that is considered, that which is called for first.
+
+        Where hard edges are, soft ones may still be what an error takes that was asked for.
+        """
+        hard = {"filter": "hard"}
+        pcss = [{"filter": "pcss", "tap_count": taps} for taps in TAPS]
+        if self.signals.penumbra_pixels[2] >= SOFT_PIXELS:
+            return [*pcss, hard]
+        if self.goal["max_error"] is not None and self.signals.penumbra_pixels[2] > 0.0:
+            return [hard, *pcss]
+        return [hard]
+
+    @cached_property
+    def _sides(self):
+        """Sides of maps that the driver holds (k,)."""
+        return np.array([size for size in SIZES if size <= self._largest])
 
     def _sizes(self, arranged):
         """Settings and sizes of their maps: equal ones (k,), and of a still unequal ones (k, n)."""
-        largest = np.array([size for size in SIZES if size <= self._largest])
+        largest = self._sides
         every = [(arranged, largest)]
         if arranged.cascade_count == 1 or arranged.snap != "none":
             return every
@@ -173,30 +187,20 @@ class Search:
             return every
         sizes = unequal_sizes(parts, largest)
         # side by side at most: an atlas of them is no larger than the largest map
-        sizes = sizes[sizes.sum(axis=1) <= self._largest]
-        unequal = sizes[(sizes != sizes[:, :1]).any(axis=1)]
-        return [*every, (arranged.replace(storage="atlas"), unequal)] if len(unequal) else every
+        held = sizes.sum(axis=1) <= self._largest
+        unequal = sizes[held & (sizes.min(axis=1) < sizes.max(axis=1))]
+        return [*every, (changed(arranged, storage="atlas"), unequal)] if len(unequal) else every
 
     def _filtered(self, arranged, sizes, filters):
-        """Candidates of an arrangement under each filter, one a size, with all that hangs on it."""
-        told, texels, found = self.forecaster, {}, []
-        sides = [tuple(one) if sizes.ndim == 2 else one for one in sizes.tolist()]
+        """Candidates of an arrangement under each filter, one a size."""
+        told, known, found = self.forecaster, {}, []
         for changes in filters:
-            settings = arranged.replace(**changes)
-            at = self.situation(settings)
-            kernels = wanted_size(at, sizes) if settings.filter == "pcss" else None
-            depends = {"map_size": sides, "depth_format": wanted_format(at, sizes, kernels)}
-            if kernels is not None:
-                depends["filter_size"] = kernels
-            if settings.filter not in texels:  # taps change none
-                texels[settings.filter] = (
-                    told.aliasing(settings, sizes, kernels),
-                    told.leak(settings, sizes, kernels),
-                )
-            expected = told.expected(settings, sizes, kernels, texels[settings.filter])
-            parts = (expected.error, expected.held, expected.left_out)
-            parts = (_each(one, len(sizes)) for one in parts)
-            found.append(Family(settings, sizes, depends, Expected(*parts)))
+            at = self.situation(changed(arranged, **changes))
+            name = at.settings.filter
+            if name not in known:  # taps change none of it
+                kernels = wanted_size(at, sizes) if name == "pcss" else None
+                known[name] = told.missed(at.settings, sizes, kernels), kernels
+            found.append(Family(at, sizes, *known[name]))
         return found
 
     def situation(self, settings):
@@ -207,8 +211,24 @@ class Search:
     def _places(self):
         """Family and row of every candidate (m, 2)."""
         counts = [len(one.sizes) for one in self.families]
-        rows = np.concatenate([np.arange(count) for count in counts])
-        return np.stack([np.repeat(np.arange(len(counts)), counts), rows], axis=1)
+        number = np.repeat(np.arange(len(counts)), counts)
+        first = np.cumsum(counts) - counts
+        return np.stack([number, np.arange(len(number)) - first[number]], axis=1)
+
+    def _by_family(self, of):
+        """What a function says of each family, for every candidate (m,)."""
+        return np.array([of(one) for one in self.families])[self._places[:, 0]]
+
+    @cached_property
+    def _expected(self):
+        """What is expected of every candidate, (m,) each."""
+        missed, end = np.empty((len(Missed._fields), len(self._places))), 0
+        for one in self.families:
+            start, end = end, end + len(one.sizes)
+            for column, values in zip(missed, one.missed, strict=True):
+                column[start:end] = values
+        rest = self._by_family(lambda one: rest_of(one.arranged))
+        return self.forecaster.together(Missed(*missed), rest)
 
     @cached_property
     def _allowed(self):
@@ -227,24 +247,22 @@ class Search:
             )
         return found
 
-    def _column(self, name):
-        """A part of what is expected of every candidate (m,)."""
-        return np.concatenate([getattr(one.expected, name) for one in self.families])
-
     def _costs(self, model):
         """Forecast of every candidate (m,) [ms]."""
         if model not in self._known_costs:
-            self._known_costs[model] = np.concatenate([
-                _each(
-                    forecast_cost(one.arranged, self.forecaster, model, one.sizes), len(one.sizes)
-                )
-                for one in self.families
-            ])  # fmt: skip
+            costs = []
+            for sized in self._sized:
+                arranged, sizes = sized[0].arranged, sized[0].sizes
+                maps = _each(model.maps(arranged, self.forecaster, sizes), len(sizes))
+                costs += [maps + model.others(one.arranged, self.forecaster) for one in sized]
+            self._known_costs[model] = np.concatenate(costs)
         return self._known_costs[model]
 
     def _candidate(self, at, costs):
         number, row = self._places[at]
-        return self.families[number].candidate(row, costs[at])
+        told = self._expected
+        expected = Expected(float(told.error[at]), float(told.held[at]), float(told.left_out[at]))
+        return self.families[number].candidate(row, expected, costs[at])
 
     def choose(self, model, reach=None, without=()):
         """The candidate that the goal asks for.
@@ -264,8 +282,10 @@ class Search:
         """
         limit, budget = self.goal["max_error"], self.goal["budget_ms"]
         reach = budget if reach is None else reach
-        costs, error = self._costs(model), self._column("error")
-        texels = np.concatenate([one.texels for one in self.families])
+        costs, error = self._costs(model), self._expected.error
+        texels = np.concatenate(
+            [part for one in self._sized for part in len(one) * [one[0].texels]]
+        )
 
         def least(among, *keys):
             rows = np.flatnonzero(among)
@@ -289,12 +309,11 @@ class Search:
             return least(affordable, error, costs, texels)
         called_for = self.families[0].arranged.filter
         affordable &= self._filtered_by(called_for)
-        expected = Expected(error, self._column("held"), self._column("left_out"))
-        good = affordable & self._knee(called_for, model).holds(expected)
+        knee = self._knee(called_for, model)
+        good = affordable & knee.holds(self._expected)
         if good.any():
-            full = forecast_cost(self._everything_on(called_for), self.forecaster, model)
-            nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * full)
-            effects = np.array([one.effects for one in self.families])[self._places[:, 0]]
+            nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * knee.full_ms)
+            effects = self._by_family(lambda one: one.effects)
             nearly_free &= effects == effects[nearly_free].min()
             nearly_free &= error <= error[nearly_free].min() + NO_MATTER
             return least(nearly_free, costs, error, texels)
@@ -310,24 +329,24 @@ class Search:
         """
         if (called_for, model) in self._known_knees:  # a path asks about every candidate
             return self._known_knees[called_for, model]
-        full = self.forecaster.expected(self._everything_on(called_for))
+        everything, told = self._everything_on(called_for), self._expected
+        full = self.forecaster.expected(everything)
         margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
         held = full.held + margin
         left_out = max(full.left_out, LEFT_OUT * self.forecaster.penumbra()) + margin
         among = self._allowed & self._filtered_by(called_for)
-        among &= (self._column("held") <= held) & (self._column("left_out") <= left_out)
+        among &= (told.held <= held) & (told.left_out <= left_out)
         most = -math.inf
         if among.any():
             rows = np.flatnonzero(among)
-            most = float(self._column("error")[rows[self._costs(model)[rows].argmin()]])
-
-        knee = self._known_knees[called_for, model] = _Knee(held, left_out, most)
+            most = float(told.error[rows[self._costs(model)[rows].argmin()]])
+        full_ms = float(forecast_cost(everything, self.forecaster, model))
+        knee = self._known_knees[called_for, model] = _Knee(held, left_out, most, full_ms)
         return knee
 
     def _filtered_by(self, name):
         """Which candidates have a filter (m,)."""
-        filters = np.array([one.arranged.filter == name for one in self.families])
-        return filters[self._places[:, 0]]
+        return self._by_family(lambda one: one.arranged.filter == name)
 
     def _everything_on(self, called_for):
         first = self.signals.views[0]
@@ -359,6 +378,20 @@ class Search:
         )
         return Forecast(error, ms, met)
 
+    @cached_property
+    def _plain(self):
+        """Settings of plain windows, however many: what signals call for by themselves."""
+        signals = self.signals
+        faces = wanted_faces(signals)
+        skewed = signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
+        return ShadowSettings(
+            fit="visible",
+            snap="exact" if signals.camera_moves or signals.sun_moves else "none",
+            caster_faces=faces,
+            bias="manual" if faces == "back" and signals.bias_matters <= FACES_SHARE else "auto",
+            light_basis="world" if skewed else "orthonormal",
+        )
+
     def _arrangements(self, count):
         """Settings for so many cascades: plain, and with splits and axes that the forecast likes.
 
@@ -366,23 +399,13 @@ class Search:
         """
         signals = self.signals
         moves = signals.camera_moves or signals.sun_moves
-        faces = wanted_faces(signals)
-        settings = ShadowSettings(
-            cascade_count=count,
-            fit="visible",
-            snap="exact" if moves else "none",
-            cull="exclusive" if count > 1 and signals.needless_chunks else "inclusive",
-            caster_faces=faces,
-            bias="manual" if faces == "back" and signals.bias_matters <= FACES_SHARE else "auto",
-            light_basis=(
-                "world"
-                if signals.sun_moves and signals.sun_elevation_deg > WORLD_ELEVATION_DEG
-                else "orthonormal"
-            ),
+        exclusive = count > 1 and signals.needless_chunks
+        settings = changed(
+            self._plain, cascade_count=count, cull="exclusive" if exclusive else "inclusive"
         )
         every = [settings]
         if signals.orthographic:
-            every = [settings.replace(split="uniform")]
+            every = [changed(settings, split="uniform")]
         elif count > 1:
             every = self._split(settings)
         # more maps that save nothing are considered where finer ones are wanted than a map can be
@@ -411,13 +434,13 @@ class Search:
 
     def _split(self, settings):
         """Settings by the scheme that costs least, and by what is seen if that costs less."""
-        schemes = [settings.replace(**one) for one in SPLITS]
+        schemes = [changed(settings, **one) for one in SPLITS]
         held = [one for one in schemes if not self.forecaster.has_idle_cascades(one)]
         burdens = [self._burden(one) for one in held]
         best = [
             one for one, it in zip(held, burdens, strict=True) if it <= min(burdens) / (1.0 - GAIN)
         ]
-        seen = settings.replace(split="sdsm")
+        seen = changed(settings, split="sdsm")
         every = best[:1]
         if not held or self._burden(seen) < (1.0 - GAIN) * min(burdens):
             every.append(seen)
@@ -432,17 +455,17 @@ class Search:
             return settings
         if self._gains(settings, select="interval"):
             return settings
-        return settings.replace(select="interval")
+        return changed(settings, select="interval")
 
     def _gains(self, settings, **changes):
         """Whether settings are better than changed ones by what counts."""
-        return self._missed(settings) < (1.0 - GAIN) * self._missed(settings.replace(**changes))
+        return self._missed(settings) < (1.0 - GAIN) * self._missed(changed(settings, **changes))
 
     def _better(self, settings, gain=GAIN, **changes):
         """Changed settings, if the forecast gains by them what counts; in a list."""
-        changed = settings.replace(**changes)
-        better = self._missed(changed) < (1.0 - gain) * self._missed(settings)
-        return [changed] if better else []
+        other = changed(settings, **changes)
+        better = self._missed(other) < (1.0 - gain) * self._missed(settings)
+        return [other] if better else []
 
     def _missed(self, settings):
         """What edges miss by maps of one usual size, but for a factor of them all."""

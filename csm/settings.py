@@ -342,7 +342,8 @@ class ShadowSettings(Recorded):
     receiver_plane: bool = False
 
     def __post_init__(self):
-        self._take({field.name: getattr(self, field.name) for field in fields(self)})
+        own = self.__dict__
+        self._take({name: own[name] for name in _KINDS})
 
     def _take(self, values):
         """Set fields to values, each checked, and then all together."""
@@ -350,11 +351,13 @@ class ShadowSettings(Recorded):
         if "map_size" in values and "cascade_count" in values:  # the number before the sizes
             values = {"cascade_count": values["cascade_count"], **values}
         for name, value in values.items():
-            own[name] = self._checked(name, _KINDS[name], value)
-        by_hand = {"manual": "inner view depths [m]", "percentages": "percents of the view range"}
-        if self.split in by_hand and len(self.manual_splits) != self.cascade_count - 1:
+            if name == "map_size":
+                own[name] = _map_size(value, self.cascade_count)
+            else:
+                own[name] = _CHECKS[_KINDS[name]](name, value)
+        if self.split in _BY_HAND and len(self.manual_splits) != self.cascade_count - 1:
             raise ValueError(
-                f"manual_splits must be the {self.cascade_count - 1} {by_hand[self.split]} of "
+                f"manual_splits must be the {self.cascade_count - 1} {_BY_HAND[self.split]} of "
                 f"{self.cascade_count} cascades (got {len(self.manual_splits)})"
             )
         if self.depth_range == "manual" and len(self.manual_depth_range) != 2:
@@ -363,24 +366,6 @@ class ShadowSettings(Recorded):
                 f"(got {self.manual_depth_range})"
             )
         _core.validate_settings(self)
-
-    def _checked(self, name, kind, value):
-        """Value of a field as its kind."""
-        if name == "map_size":
-            return _map_size(value, self.cascade_count)
-        if name in ("manual_splits", "manual_depth_range"):
-            return _depths(name, value)
-        if kind is float:
-            return _number(name, value)
-        if kind is int:
-            return _whole(name, value)
-        if kind is bool:
-            if not isinstance(value, bool | np.bool_ | int) or value not in (0, 1):
-                raise TypeError(f"{name} must be True or False (got {value!r})")
-            return bool(value)
-        if not isinstance(value, str):
-            raise TypeError(f"{name} must be a string (got {value!r})")
-        return str.__str__(value)  # of numpy's and other kinds the plain one
 
     def replace(self, **changes):
         """Copy with other values.
@@ -400,9 +385,9 @@ class ShadowSettings(Recorded):
         TypeError, ValueError
             If a name is no setting or a value breaks its rule.
         """
-        for name in changes:
-            if name not in _KINDS:
-                raise TypeError(f"{name!r} is no setting; there are {', '.join(sorted(_KINDS))}")
+        if not changes.keys() <= _KINDS.keys():
+            name = next(name for name in changes if name not in _KINDS)
+            raise TypeError(f"{name!r} is no setting; there are {', '.join(sorted(_KINDS))}")
         if "cascade_count" in changes and isinstance(self.map_size, tuple):
             count = _whole("cascade_count", changes["cascade_count"])
             known = 1 <= count <= MOST_CASCADES  # of others, the check below says what is allowed
@@ -466,6 +451,28 @@ class ShadowSettings(Recorded):
         return other
 
 
+def changed(settings, **changes):
+    """`ShadowSettings.replace` by words and numbers of a program's own, which are right.
+
+    A search makes many settings of a few such words. Of what settings say together nothing is
+    known before the core is given them, which asks about all.
+
+    Parameters
+    ----------
+    settings : ShadowSettings
+    **changes
+        Settings by name; another ``cascade_count`` of maps of several sizes with those.
+
+    Returns
+    -------
+    changed : ShadowSettings
+    """
+    other = object.__new__(type(settings))
+    other.__dict__.update(settings.__dict__)
+    other.__dict__.update(changes)
+    return other
+
+
 def draw_alike(one, other):
     """Whether settings are equal but for what has no meaning in them: `ShadowSettings.canonical`.
 
@@ -482,10 +489,13 @@ def draw_alike(one, other):
 
 MOST_CASCADES = 8
 _KINDS = {field.name: field.type for field in fields(ShadowSettings)}
+#: Splits that are given, and as what.
+_BY_HAND = {"manual": "inner view depths [m]", "percentages": "percents of the view range"}
+_NO_NUMBERS = (bool, str, bytes)  # that int and float would take
 
 
 def _number(name, value):
-    if isinstance(value, bool | str | bytes):
+    if isinstance(value, _NO_NUMBERS):
         raise TypeError(f"{name} must be a number (got {value!r})")
     try:
         number = float(value)
@@ -499,7 +509,7 @@ def _number(name, value):
 
 
 def _whole(name, value):
-    if isinstance(value, bool | str | bytes):
+    if isinstance(value, _NO_NUMBERS):
         raise TypeError(f"{name} must be a whole number (got {value!r})")
     try:
         number = int(value)
@@ -516,6 +526,22 @@ def _depths(name, value):
     if isinstance(value, str | bytes) or not np.iterable(value):
         raise TypeError(f"{name} must be a sequence of depths [m] (got {value!r})")
     return tuple(_number(name, item) for item in value)
+
+
+def _truth(name, value):
+    if not isinstance(value, bool | np.bool_ | int) or value not in (0, 1):
+        raise TypeError(f"{name} must be True or False (got {value!r})")
+    return bool(value)
+
+
+def _word(name, value):
+    if not isinstance(value, str):
+        raise TypeError(f"{name} must be a string (got {value!r})")
+    return str.__str__(value)  # of numpy's and other kinds the plain one
+
+
+#: What makes a value of a field's kind its own, or refuses it.
+_CHECKS = {int: _whole, float: _number, bool: _truth, str: _word, tuple[float, ...]: _depths}
 
 
 def map_sizes(settings):

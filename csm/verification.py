@@ -20,6 +20,8 @@ SLACK = 0.05  # of milliseconds, which no two runs agree on better
 FLICKER_FRAMES, FLICKER_POINTS = 6, 4000
 NOTHING = "nothing to turn"
 OUTPUTS = ("mask", "valid", "cascade_index")
+#: What could matter for any still under a sun without a disc.
+EVERYTHING = ShadowSettings(cascade_count=8, map_size=2048, fit="visible", cull="exclusive")
 
 
 @dataclass(frozen=True)
@@ -186,7 +188,7 @@ def everything_on(sun, soft_size=33, *, camera=None):
     -------
     settings : ShadowSettings
     """
-    settings = ShadowSettings(cascade_count=8, map_size=2048, fit="visible", cull="exclusive")
+    settings = EVERYTHING
     if camera is not None and camera.near <= 0.0:
         settings = settings.replace(split="uniform")
     if sun.angular_diameter_deg > 0.0:

@@ -1271,7 +1271,8 @@ csm_status csm_sum_displaced(const csm_coarse_view *view, const csm_arrangement 
                              bool out_held[CSM_MAX_CASCADES], csm_error *err);
 
 /* Values at points under maps of several sizes. sides: size_count x columns; with one column all
- * windows have it, else point i takes column window[i], which must be one. */
+ * windows have it, else point i takes column window[i], which must be one. What is said of a size
+ * hangs on no other size, to the bit. */
 typedef struct csm_sized {
     size_t point_count, size_count, columns;
     const int *window;

@@ -298,6 +298,22 @@ def test_sums_are_those_of_every_point_under_every_size(sides):
     assert not len(sides) or (max(less) > 0 and max(values / 200.0) > 6.0)
 
 
+@pytest.mark.parametrize("columns", [1, 3])
+def test_sums_of_a_size_hang_on_no_other_size(columns):
+    """To the bit: a candidate is judged as settings of its own are."""
+    window, values, other, weights = points_of_maps()
+    sides = np.random.default_rng(columns).uniform(150.0, 4096.0, (17, columns))
+    for call, given in (
+        (_core.sum_capped, (values, weights, 6.0)),
+        (_core.sum_missing, (values, other, weights)),
+        (_core.count_less, (other, values)),
+    ):
+        together = call(window, sides, *given)
+        assert [call(window, row, *given) for row in sides] == together.tolist()
+        assert [call(window, row[None], *given)[0] for row in sides] == together.tolist()
+        assert len(set(together.tolist())) > 5
+
+
 def test_sums_over_nothing_are_nothing():
     none, sides = np.zeros(0), SIDES["equal"]
     window = none.astype(np.int32)
@@ -412,6 +428,42 @@ def test_casters_are_classed_by_the_first_map_that_their_box_meets():
         wanted.append(meets.index(True) if any(meets) else 3)
     assert _core.casters_first(casters, cascades.uvz_from_world).tolist() == wanted
     assert set(wanted) == {0, 1, 2, 3}
+
+
+@pytest.mark.parametrize("count", [0, 1, 300])
+def test_casters_load_maps_by_the_parts_of_their_boxes(count):
+    """Against each box and map by itself; some boxes are seen edge on, some touch a map's border
+    from without, some lie on it. Their maps are squares of 2, 4 and 8 m, one within the other."""
+    rng, axes = np.random.default_rng(count), np.eye(3)[:2]
+    centre = rng.choice([-5.0, -1.5, -0.5, 0.0, 0.5, 1.0, 1.5, 3.0], (count, 2))
+    centre[::3] += rng.uniform(-0.5, 0.5, (len(centre[::3]), 2))
+    half = rng.choice([0.0, 0.25, 0.5, 1.0], (count, 2))
+    area, cut = rng.normal(size=count), rng.random(count) < 0.4
+    weight = rng.uniform(1.0, 3.0, count)
+    maps = np.stack([np.diag([1 / side, 1 / side, 1.0, 1.0]) for side in (2.0, 4.0, 8.0)])
+    maps[:, :2, 3] = 0.5
+    layers, lines = np.zeros((3, 2, 2)), np.zeros((3, 2, 2))
+    triangles, needed = np.zeros(3), np.zeros(3)
+    for k in range(count):
+        earlier = False
+        for i, side in enumerate((2.0, 4.0, 8.0)):
+            low = np.maximum(centre[k] - half[k], -side / 2)
+            part = np.minimum(centre[k] + half[k], side / 2) - low
+            if (part < 0.0).any() or ((part == 0.0) & (half[k] > 0.0)).any():
+                continue
+            wide = half[k] > 0.0
+            share = (part[wide] / (2.0 * half[k][wide])).prod()
+            kind = int(area[k] < 0.0), int(cut[k])
+            layers[i][kind] += weight[k] * share * abs(area[k]) / side**2
+            lines[i][kind] += weight[k] * 2.0 * np.hypot(*part) / side
+            triangles[i] += weight[k]
+            needed[i] += 0.0 if earlier else weight[k]
+            earlier |= np.allclose(part, 2.0 * half[k], rtol=1e-9, atol=0.0)
+    casters = Casters(axes, centre, half, area, cut, weight)
+    found = _core.casters_load(casters, maps)
+    for got, wanted in zip(found, (layers, lines, triangles, needed), strict=True):
+        assert got == pytest.approx(wanted, **CLOSE)
+    assert count < 300 or (needed[1:] < triangles[1:]).all()
 
 
 @pytest.mark.parametrize("count", [0, 1, 700])

@@ -47,6 +47,8 @@ def test_what_means_nothing_under_a_warp_is_not_recommended(renderer, road):
     signals = dataclasses.replace(signals, needless_chunks=3)  # which calls for exclusive culling
     search = Search(signals, scene, NO_GOAL, 16384)
     every = [one.settings for one in search.candidates(CostModel())]
+    for family in search.families:  # of whose words none was checked
+        assert csm.ShadowSettings.from_dict(family.arranged.to_dict()) == family.arranged
     warped = [one for one in every if one.warp != "none"]
     assert any(one.cascade_count > 1 for one in warped)
     assert any(one.cull == "exclusive" for one in every)

@@ -14,7 +14,7 @@ from hypothesis import given
 
 import csm
 from csm import _core
-from csm.settings import draw_alike
+from csm.settings import changed, draw_alike
 
 # What scripts rely on, written down apart from the code.
 PUBLIC_DEFAULTS = {
@@ -311,3 +311,29 @@ def test_a_number_that_no_float_holds_is_refused_by_name():
 
 def test_words_are_plain():
     assert type(csm.ShadowSettings(filter=np.str_("pcf")).filter) is str
+
+
+def test_settings_by_right_words_are_those_that_replace_makes():
+    one = csm.ShadowSettings(cascade_count=3)
+    for changes in ({"select": "interval"}, {"filter": "pcss", "tap_count": 8}, {"turned": True}):
+        assert changed(one, **changes) == one.replace(**changes)
+        assert one == csm.ShadowSettings(cascade_count=3)
+    with pytest.raises(ValueError, match="filter must be one of: hard none pcf"):
+        csm.plan(changed(one, filter="soft"))  # the core asks about all
+
+
+class Asked:
+    """Settings by attribute alone: nothing lies in a dict of their own."""
+
+    __slots__ = ("settings",)
+
+    def __init__(self, settings):
+        self.settings = settings
+
+    def __getattr__(self, name):
+        return getattr(self.settings, name)
+
+
+@given(any_settings)
+def test_settings_are_read_by_attribute_where_they_have_no_dict(settings):
+    assert _core.canonical_settings(Asked(settings)) == _core.canonical_settings(settings)

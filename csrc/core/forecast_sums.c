@@ -1,101 +1,122 @@
 /* forecast_sums.c: what texels of many sizes miss, summed up over the points of a view.
  *
- * In: what a map of one texel makes of each point, and sides of maps. Out: a number a size. Sizes
- * are the inner loop: each has a sum of its own, in the order of the points.
+ * In: what a map of one texel makes of each point, and sides of maps. Out: a number a size. Some
+ * sizes at a time are the inner loop: each has a sum of its own, in the order of the points, so
+ * that none hangs on what other sizes are asked about.
  */
 #include "csm.h"
 
+#include <math.h>
 #include <stdlib.h>
 
-/* Sides' inverses, the sizes of a column one behind the other; NULL without memory. */
-static double *inverses_of(const csm_sized *sized, csm_error *err) {
+enum { LANES = 6 }; /* sizes at a time, whose sums stay in registers */
+
+/* Sides' inverses: of LANES sizes the columns one behind the other, then of the next ones; and the
+ * largest and the least of them. */
+typedef struct inverse_sides {
+    double *values;
+    double most, least;
+} inverse_sides;
+
+static csm_status invert_sides(const csm_sized *sized, inverse_sides *out, csm_error *err) {
     const size_t sizes = sized->size_count, columns = sized->columns;
-    double *out = malloc((sizes * columns + 1) * sizeof *out);
-    if (!out) {
-        csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu sizes of maps", sizes);
-        return NULL;
+    const size_t blocks = (sizes + LANES - 1) / LANES;
+    *out = (inverse_sides){calloc(blocks * LANES * columns + 1, sizeof(double)), 0.0, INFINITY};
+    if (!out->values) {
+        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu sizes of maps", sizes);
     }
     for (size_t k = 0; k < sizes; k++) {
+        double *row = out->values + k / LANES * LANES * columns + k % LANES;
         for (size_t column = 0; column < columns; column++) {
-            out[column * sizes + k] = 1.0 / sized->sides[k * columns + column];
+            const double inverse = 1.0 / sized->sides[k * columns + column];
+            row[column * LANES] = inverse;
+            out->most = inverse > out->most ? inverse : out->most;
+            out->least = inverse < out->least ? inverse : out->least;
         }
     }
-    return out;
+    return CSM_OK;
 }
 
-/* The same, and sums of nothing yet. */
-static double *begin_sums(const csm_sized *sized, double *out, csm_error *err) {
-    for (size_t k = 0; k < sized->size_count; k++) {
-        out[k] = 0.0;
+/* Those of sizes `k` and following under which a point lies. */
+static const double *inverses_at(const csm_sized *sized, const inverse_sides *from, size_t k,
+                                 size_t point) {
+    const size_t column = sized->columns == 1 ? 0 : (size_t)sized->window[point];
+    return from->values + k * sized->columns + column * LANES;
+}
+
+/* Sums of sizes `k` and following to where they belong. */
+static void put_sums(const csm_sized *sized, const double sums[LANES], size_t k, double *out) {
+    for (size_t lane = 0; lane < LANES && k + lane < sized->size_count; lane++) {
+        out[k + lane] = sums[lane];
     }
-    return inverses_of(sized, err);
-}
-
-static const double *column_of(const csm_sized *sized, const double *inverses, size_t point) {
-    return sized->columns == 1 ? inverses
-                               : inverses + (size_t)sized->window[point] * sized->size_count;
 }
 
 csm_status csm_sum_capped(const csm_sized *sized, const double *values, const double *weights,
                           double most, double *out, csm_error *err) {
-    double *inverses = begin_sums(sized, out, err);
-    if (!inverses) {
+    inverse_sides sides;
+    if (invert_sides(sized, &sides, err) != CSM_OK) {
         return CSM_ERROR_OUT_OF_MEMORY;
     }
-    for (size_t i = 0; i < sized->point_count; i++) {
-        const double *inverse = column_of(sized, inverses, i);
-        const double value = values[i], weight = weights[i];
-        for (size_t k = 0; k < sized->size_count; k++) {
-            const double one = value * inverse[k];
-            out[k] += weight * (one < most ? one : most);
+    for (size_t k = 0; k < sized->size_count; k += LANES) {
+        double sums[LANES] = {0.0};
+        for (size_t i = 0; i < sized->point_count; i++) {
+            const double *inverse = inverses_at(sized, &sides, k, i);
+            const double value = weights[i] * values[i], cap = weights[i] * most;
+            for (int lane = 0; lane < LANES; lane++) {
+                const double one = value * inverse[lane];
+                sums[lane] += one < cap ? one : cap;
+            }
         }
+        put_sums(sized, sums, k, out);
     }
-    free(inverses);
+    free(sides.values);
     return CSM_OK;
 }
 
 csm_status csm_sum_missing(const csm_sized *sized, const double *values, const double *wide,
                            const double *weights, double *out, csm_error *err) {
-    double *inverses = begin_sums(sized, out, err);
-    if (!inverses) {
+    inverse_sides sides;
+    if (invert_sides(sized, &sides, err) != CSM_OK) {
         return CSM_ERROR_OUT_OF_MEMORY;
     }
-    for (size_t i = 0; i < sized->point_count; i++) {
-        const double *inverse = column_of(sized, inverses, i);
-        const double value = values[i], width = wide[i], weight = weights[i];
-        for (size_t k = 0; k < sized->size_count; k++) {
-            const double missing = width - value * inverse[k];
-            out[k] += weight * (missing > 0.0 ? missing : 0.0);
+    for (size_t k = 0; k < sized->size_count; k += LANES) {
+        double sums[LANES] = {0.0};
+        for (size_t i = 0; i < sized->point_count; i++) {
+            if (!(wide[i] > values[i] * sides.least)) { /* most: kernels hold what is wide */
+                continue;
+            }
+            const double *inverse = inverses_at(sized, &sides, k, i);
+            const double value = values[i], width = wide[i], weight = weights[i];
+            for (int lane = 0; lane < LANES; lane++) {
+                const double missing = width - value * inverse[lane];
+                sums[lane] += weight * (missing > 0.0 ? missing : 0.0);
+            }
         }
+        put_sums(sized, sums, k, out);
     }
-    free(inverses);
+    free(sides.values);
     return CSM_OK;
 }
 
 csm_status csm_count_less(const csm_sized *sized, const double *gaps, const double *values,
                           int64_t *out, csm_error *err) {
-    double *inverses = inverses_of(sized, err);
-    if (!inverses) {
+    inverse_sides sides;
+    if (invert_sides(sized, &sides, err) != CSM_OK) {
         return CSM_ERROR_OUT_OF_MEMORY;
-    }
-    double largest = 0.0;
-    for (size_t k = 0; k < sized->size_count * sized->columns; k++) {
-        largest = inverses[k] > largest ? inverses[k] : largest;
     }
     for (size_t k = 0; k < sized->size_count; k++) {
         out[k] = 0;
     }
     for (size_t i = 0; i < sized->point_count; i++) {
         const double value = values[i], gap = gaps[i];
-        if (!(gap < value * largest)) { /* most: what is lit has no gap */
+        if (!(gap < value * sides.most)) { /* most: what is lit has no gap */
             continue;
         }
-        const double *inverse = column_of(sized, inverses, i);
         for (size_t k = 0; k < sized->size_count; k++) {
-            out[k] += gap < value * inverse[k];
+            out[k] += gap < value * inverses_at(sized, &sides, k / LANES * LANES, i)[k % LANES];
         }
     }
-    free(inverses);
+    free(sides.values);
     return CSM_OK;
 }
 

@@ -31,26 +31,34 @@ int csm_py_vector(PyObject *object, const char *name, int n, double *out) {
 /* Names of attributes as Python's own strings, made once: by those an attribute is found in a
  * third of the time, and settings have sixty. Names are literals, so that their address says which
  * it is; the table has room for several times as many as there are. */
-PyObject *csm_py_attribute(PyObject *object, const char *attribute) {
+PyObject *csm_py_name(const char *literal) {
     enum { ROOM = 1024 };
     static struct {
         const char *text;
         PyObject *name;
     } known[ROOM];
-    const uintptr_t mixed = (uintptr_t)attribute * 0x9E3779B1u;
+    const uintptr_t mixed = (uintptr_t)literal * 0x9E3779B1u;
     size_t at = (mixed >> 8) % ROOM;
-    for (int tries = 0; tries < ROOM && known[at].text && known[at].text != attribute; tries++) {
+    for (int tries = 0; tries < ROOM && known[at].text && known[at].text != literal; tries++) {
         at = (at + 1) % ROOM;
     }
     if (!known[at].text) {
-        known[at].name = PyUnicode_InternFromString(attribute);
+        known[at].name = PyUnicode_InternFromString(literal);
         if (!known[at].name) {
             return NULL;
         }
-        known[at].text = attribute;
+        known[at].text = literal;
     }
-    return known[at].text == attribute ? PyObject_GetAttr(object, known[at].name)
-                                       : PyObject_GetAttrString(object, attribute);
+    if (known[at].text != literal) {
+        PyErr_Format(PyExc_SystemError, "no room for the name %s", literal);
+        return NULL;
+    }
+    return known[at].name;
+}
+
+PyObject *csm_py_attribute(PyObject *object, const char *attribute) {
+    PyObject *name = csm_py_name(attribute);
+    return name ? PyObject_GetAttr(object, name) : NULL;
 }
 
 int csm_py_attribute_vector(PyObject *object, const char *attribute, int n, double *out) {
@@ -70,18 +78,13 @@ int csm_py_attribute_double(PyObject *object, const char *attribute, double *out
     return *out == -1.0 && PyErr_Occurred() ? -1 : 0;
 }
 
-int csm_py_attribute_int(PyObject *object, const char *attribute, int *out) {
-    PyObject *value = csm_py_attribute(object, attribute);
-    if (!value) {
-        return -1;
-    }
-    long number = PyLong_AsLong(value);
-    Py_DECREF(value);
+int csm_py_int(PyObject *value, const char *name, int *out) {
+    const long number = PyLong_AsLong(value);
     if (number == -1 && PyErr_Occurred()) {
         return -1;
     }
     if (number < INT_MIN || number > INT_MAX) {
-        PyErr_Format(PyExc_ValueError, "%s must fit 32 bits (got %ld)", attribute, number);
+        PyErr_Format(PyExc_ValueError, "%s must fit 32 bits (got %ld)", name, number);
         return -1;
     }
     *out = (int)number;

@@ -6,6 +6,7 @@ enum { WINDOW, SIDES, VALUES, FIRST, SECOND, SUM_ARRAYS };
 typedef struct sum_arguments {
     csm_sized sized;
     PyArrayObject *arrays[SUM_ARRAYS];
+    bool alone; /* one size */
     PyArrayObject *out;
 } sum_arguments;
 
@@ -27,7 +28,7 @@ static int parse_sum(PyObject *const objects[SUM_ARRAYS], const char *const name
                      int out_type, sum_arguments *in) {
     in->arrays[VALUES] = csm_py_rows(objects[VALUES], names[VALUES], NPY_DOUBLE, 0);
     in->arrays[SIDES] =
-        (PyArrayObject *)PyArray_FROMANY(objects[SIDES], NPY_DOUBLE, 2, 2, NPY_ARRAY_CARRAY_RO);
+        (PyArrayObject *)PyArray_FROMANY(objects[SIDES], NPY_DOUBLE, 1, 2, NPY_ARRAY_CARRAY_RO);
     if (!in->arrays[VALUES] || !in->arrays[SIDES]) {
         return -1;
     }
@@ -42,9 +43,11 @@ static int parse_sum(PyObject *const objects[SUM_ARRAYS], const char *const name
             return -1;
         }
     }
+    in->alone = PyArray_NDIM(in->arrays[SIDES]) == 1;
+    const npy_intp sizes = in->alone ? 1 : PyArray_DIM(in->arrays[SIDES], 0);
     in->sized.point_count = (size_t)count;
-    in->sized.size_count = (size_t)PyArray_DIM(in->arrays[SIDES], 0);
-    in->sized.columns = (size_t)PyArray_DIM(in->arrays[SIDES], 1);
+    in->sized.size_count = (size_t)sizes;
+    in->sized.columns = (size_t)PyArray_DIM(in->arrays[SIDES], in->alone ? 0 : 1);
     in->sized.window = PyArray_DATA(in->arrays[WINDOW]);
     in->sized.sides = PyArray_DATA(in->arrays[SIDES]);
     if (in->sized.columns < 1) {
@@ -54,7 +57,6 @@ static int parse_sum(PyObject *const objects[SUM_ARRAYS], const char *const name
     if (check_windows(&in->sized) < 0) {
         return -1;
     }
-    const npy_intp sizes = PyArray_DIM(in->arrays[SIDES], 0);
     in->out = (PyArrayObject *)PyArray_SimpleNew(1, &sizes, out_type);
     return in->out ? 0 : -1;
 }
@@ -63,16 +65,22 @@ static int parse_sum(PyObject *const objects[SUM_ARRAYS], const char *const name
 static PyObject *finish_sum(PyObject *module, sum_arguments *in, bool parsed, csm_status status,
                             const csm_error *err) {
     csm_py_release_arrays(in->arrays, SUM_ARRAYS);
-    if (parsed && status == CSM_OK) {
+    if (parsed && status == CSM_OK && !in->alone) {
         return (PyObject *)in->out;
+    }
+    if (parsed && status == CSM_OK) {
+        PyObject *number = PyArray_GETITEM(in->out, PyArray_DATA(in->out));
+        Py_DECREF(in->out);
+        return number;
     }
     Py_XDECREF(in->out);
     return parsed ? csm_py_raise(module, err) : NULL;
 }
 
-PyDoc_STRVAR(sum_capped_doc, "sum_capped(window, sides, values, weights, most)\n--\n\n"
-                             "(k,) sums of weights * min(values / side, most) over points, for "
-                             "sides (k, 1) or, of their windows, (k, n).");
+PyDoc_STRVAR(sum_capped_doc,
+             "sum_capped(window, sides, values, weights, most)\n--\n\n"
+             "(k,) sums of weights * min(values / side, most) over points, for "
+             "sides (k, 1) or, of their windows, (k, n); of (1,) or (n,) a number.");
 
 static PyObject *sum_capped(PyObject *module, PyObject *args, PyObject *kwargs) {
     static char *keywords[] = {"window", "sides", "values", "weights", "most", NULL};
@@ -100,7 +108,7 @@ static PyObject *sum_capped(PyObject *module, PyObject *args, PyObject *kwargs) 
 
 PyDoc_STRVAR(sum_missing_doc, "sum_missing(window, sides, values, wide, weights)\n--\n\n"
                               "(k,) sums of weights * max(wide - values / side, 0) over points, "
-                              "for sides (k, 1) or, of their windows, (k, n).");
+                              "for sides as in sum_capped.");
 
 static PyObject *sum_missing(PyObject *module, PyObject *args, PyObject *kwargs) {
     static char *keywords[] = {"window", "sides", "values", "wide", "weights", NULL};
@@ -129,8 +137,8 @@ static PyObject *sum_missing(PyObject *module, PyObject *args, PyObject *kwargs)
 }
 
 PyDoc_STRVAR(count_less_doc, "count_less(window, sides, gaps, values)\n--\n\n"
-                             "(k,) points of which gaps < values / side, for sides (k, 1) or, of "
-                             "their windows, (k, n).");
+                             "(k,) points of which gaps < values / side, for sides as in "
+                             "sum_capped.");
 
 static PyObject *count_less(PyObject *module, PyObject *args, PyObject *kwargs) {
     static char *keywords[] = {"window", "sides", "gaps", "values", NULL};

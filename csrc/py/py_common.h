@@ -43,11 +43,16 @@ int csm_py_add_exceptions(PyObject *module);
  */
 int csm_py_vector(PyObject *object, const char *name, int n, double *out);
 
-/* An attribute, by a literal; as a vector, as a double, as an int. */
+/* A literal as Python's own string, made once; borrowed, NULL with an exception. */
+PyObject *csm_py_name(const char *literal);
+
+/* An int; name appears in the error. 0, or -1 with an exception. */
+int csm_py_int(PyObject *value, const char *name, int *out);
+
+/* An attribute, by a literal; as a vector, as a double. */
 PyObject *csm_py_attribute(PyObject *object, const char *attribute);
 int csm_py_attribute_vector(PyObject *object, const char *attribute, int n, double *out);
 int csm_py_attribute_double(PyObject *object, const char *attribute, double *out);
-int csm_py_attribute_int(PyObject *object, const char *attribute, int *out);
 
 /* A new (count, 4, 4) float64 array over column-major memory: M[i, row, col], strides (128, 8, 32).
  */

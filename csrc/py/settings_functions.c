@@ -3,54 +3,67 @@
 
 #include <string.h>
 
-/* Number of a choice in a row's list, -1 if it is none of them. */
-static int choice_number(const csm_effect_info *row, const char *choice) {
+/* Number of a choice in a row's list, -1 with an exception if it is none of them. */
+static int choice_number(const csm_effect_info *row, PyObject *value) {
+    Py_ssize_t wanted = 0;
+    const char *choice = PyUnicode_Check(value) ? PyUnicode_AsUTF8AndSize(value, &wanted) : NULL;
     int number = 0;
-    size_t wanted = strlen(choice);
-    for (const char *at = row->choices; *at; number++) {
-        size_t length = strcspn(at, " ");
-        if (length == wanted && !strncmp(at, choice, length)) {
+    for (const char *at = row->choices; choice && *at; number++) {
+        Py_ssize_t length = 0;
+        bool same = true;
+        for (; at[length] && at[length] != ' '; length++) {
+            same = same && length < wanted && at[length] == choice[length];
+        }
+        if (same && length == wanted) {
             return number;
         }
         at += length + (at[length] == ' ');
     }
+    if (!PyErr_Occurred()) {
+        PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name, row->choices,
+                     value);
+    }
     return -1;
 }
 
-static int parse_effect(PyObject *settings, const csm_effect_info *row, int *out) {
-    PyObject *value = csm_py_attribute(settings, row->name);
+/* A field of settings by a literal. Theirs lie in the dict of the instance, whose lookup is the
+ * better part of an attribute's; `own` is NULL for what has none. */
+static PyObject *field(PyObject *settings, PyObject *own, const char *name) {
+    PyObject *key = own ? csm_py_name(name) : NULL;
+    PyObject *value = key ? PyDict_GetItemWithError(own, key) : NULL;
+    if (value) {
+        return Py_NewRef(value);
+    }
+    return PyErr_Occurred() ? NULL : csm_py_attribute(settings, name);
+}
+
+static int parse_effect(PyObject *settings, PyObject *own, const csm_effect_info *row, int *out) {
+    PyObject *value = field(settings, own, row->name);
     if (!value) {
         return -1;
     }
-    int status = -1;
-    if (row->type == CSM_TYPE_ENUM) {
-        const char *choice = PyUnicode_Check(value) ? PyUnicode_AsUTF8(value) : NULL;
-        *out = choice ? choice_number(row, choice) : -1;
-        status = *out < 0 ? -1 : 0;
-        if (status < 0 && !PyErr_Occurred()) {
-            PyErr_Format(PyExc_ValueError, "%s must be one of: %s (got %R)", row->name,
-                         row->choices, value);
-        }
-    } else if (row->type == CSM_TYPE_BOOL) {
-        *out = PyObject_IsTrue(value);
-        status = *out < 0 ? -1 : 0;
+    int status;
+    if (row->type == CSM_TYPE_INT) {
+        status = csm_py_int(value, row->name, out);
     } else {
-        status = csm_py_attribute_int(settings, row->name, out);
+        *out = row->type == CSM_TYPE_ENUM ? choice_number(row, value) : PyObject_IsTrue(value);
+        status = *out < 0 ? -1 : 0;
     }
     Py_DECREF(value);
     return status;
 }
 
 /* map_size is one number for all cascades or a sequence of one per cascade. */
-static int parse_map_size(PyObject *settings, int count, int *out) {
-    PyObject *value = csm_py_attribute(settings, "map_size");
+static int parse_map_size(PyObject *settings, PyObject *own, int count, int *out) {
+    PyObject *value = field(settings, own, "map_size");
     if (!value) {
         return -1;
     }
     int status = 0;
     if (PyLong_Check(value)) {
-        for (int i = 0; i < CSM_MAX_CASCADES && status == 0; i++) {
-            status = csm_py_attribute_int(settings, "map_size", &out[i]);
+        status = csm_py_int(value, "map_size", &out[0]);
+        for (int i = 1; i < CSM_MAX_CASCADES; i++) {
+            out[i] = out[0];
         }
     } else {
         double sizes[CSM_MAX_CASCADES];
@@ -85,22 +98,31 @@ static int parse_manual_splits(PyObject *settings, int count, double *out) {
     return status;
 }
 
-int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
-    memset(out, 0, sizeof *out);
+static int parse_number(PyObject *settings, PyObject *own, const char *name, double *out) {
+    PyObject *value = field(settings, own, name);
+    if (!value) {
+        return -1;
+    }
+    *out = PyFloat_AsDouble(value);
+    Py_DECREF(value);
+    return *out == -1.0 && PyErr_Occurred() ? -1 : 0;
+}
+
+static int parse_fields(PyObject *settings, PyObject *own, csm_settings *out) {
     for (int i = 0; i < CSM_EFFECT_COUNT; i++) {
         const csm_effect_info *row = csm_effect_describe(i);
-        if (row->name[0] && parse_effect(settings, row, &out->effects[i]) < 0) {
+        if (row->name[0] && parse_effect(settings, own, row, &out->effects[i]) < 0) {
             return -1;
         }
     }
-    int count = out->effects[CSM_EFFECT_CASCADE_COUNT];
-    if (parse_map_size(settings, count, out->map_size) < 0) {
+    const int count = out->effects[CSM_EFFECT_CASCADE_COUNT];
+    if (parse_map_size(settings, own, count, out->map_size) < 0) {
         return -1;
     }
     const csm_number_info *number;
     for (int i = 0; (number = csm_number_describe(i)); i++) {
         double *value = (double *)((char *)out + number->offset);
-        if (csm_py_attribute_double(settings, number->name, value) < 0) {
+        if (parse_number(settings, own, number->name, value) < 0) {
             return -1;
         }
     }
@@ -114,6 +136,17 @@ int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
         return parse_manual_splits(settings, count, out->manual_splits);
     }
     return 0;
+}
+
+int csm_py_parse_settings(PyObject *settings, csm_settings *out) {
+    memset(out, 0, sizeof *out);
+    PyObject *own = PyObject_GenericGetDict(settings, NULL);
+    if (!own) {
+        PyErr_Clear(); /* then its attributes are asked for */
+    }
+    const int status = parse_fields(settings, own, out);
+    Py_XDECREF(own);
+    return status;
 }
 
 static int parse_valid(PyObject *module, PyObject *object, csm_settings *out) {
@@ -171,8 +204,9 @@ static PyObject *floats(const double *values, int count) {
     return tuple;
 }
 
-static int set_item(PyObject *dict, const char *key, PyObject *value) {
-    int status = value ? PyDict_SetItemString(dict, key, value) : -1;
+static int set_item(PyObject *dict, const char *name, PyObject *value) {
+    PyObject *key = csm_py_name(name);
+    int status = key && value ? PyDict_SetItem(dict, key, value) : -1;
     Py_XDECREF(value);
     return status;
 }
