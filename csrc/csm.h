@@ -1112,12 +1112,67 @@ csm_status csm_coverage_move(const csm_camera *camera, double near_depth, double
 typedef struct csm_coarse_picture {
     const csm_camera *camera;
     const float *view_depth;  /* [m] */
-    const float (*normal)[3]; /* world; csm_coarse_edges alone reads them */
+    const float (*normal)[3]; /* world; csm_coarse_edges and _receivers alone read them */
     const uint8_t *valid;     /* whether a surface is seen; csm_coarse_plane_ends alone reads it */
     const uint8_t *facing;    /* ... that faces the sun */
     const uint8_t *judged;    /* ... and has a cascade; csm_coarse_edges alone reads both */
     const uint8_t *lit;
+    const uint8_t *cascade; /* 255: none; csm_coarse_receivers alone reads it */
 } csm_coarse_picture;
+
+/* Arrays of a frame, one element per pixel. */
+typedef struct csm_coarse_shown {
+    size_t pixels;
+    const uint8_t *valid;
+    const float (*normal)[3]; /* world */
+    const float *mask;
+    const uint8_t *cascade;
+    int cascade_count;
+    double to_light[3];
+    double least_cosine; /* of what faces the sun */
+    double least_lit;    /* of a mask that counts as lit */
+} csm_coarse_shown;
+
+/* What they show: bytes of every pixel as in csm_coarse_picture, of the caller's, and how many. */
+typedef struct csm_coarse_read {
+    uint8_t *facing;
+    uint8_t *judged, *lit; /* NULL: neither, nor what follows from them; mask and cascade unread */
+    size_t seen_count, facing_count, shadowed_count;
+    size_t of_cascade[CSM_MAX_CASCADES]; /* facing the sun */
+} csm_coarse_read;
+
+void csm_coarse_look(const csm_coarse_shown *shown, csm_coarse_read *out);
+
+/* Judged pixels that are lit in one of two pictures alone. */
+size_t csm_coarse_changed(size_t pixels, const uint8_t *judged, const uint8_t *one,
+                          const uint8_t *other);
+
+#define CSM_COARSE_RECEIVERS 2000
+
+/* Pixels of a picture that face the sun, and how many of so many are taken as receivers: each of
+ * them, or every second, third, ... */
+size_t csm_coarse_facing_count(const csm_coarse_picture *picture);
+size_t csm_coarse_receiver_count(size_t facing);
+
+/* What receivers are seen by: the way to the light, two axes across it, and the least cosine that
+ * counts. */
+typedef struct csm_coarse_light {
+    double to_light[3], axes[2][3], least_cosine;
+} csm_coarse_light;
+
+/* Arrays of the caller's, one element per receiver. */
+typedef struct csm_coarse_receiver_arrays {
+    double (*point)[3]; /* world */
+    double *depth;      /* [m] */
+    double *slope;      /* tangent of its normal's angle to the light */
+    double *gradient;   /* sum of how much deeper it gets along either axis [m/m] */
+    uint8_t *cascade;
+    uint8_t *dark;
+} csm_coarse_receiver_arrays;
+
+/* Them, of so many pixels that face the sun. */
+void csm_coarse_receivers(const csm_coarse_picture *picture, size_t facing,
+                          const csm_coarse_light *light, const csm_coarse_receiver_arrays *out);
 
 #define CSM_OUTLINE_SLICES 12
 #define CSM_OUTLINE_DIRECTIONS 16
@@ -1203,6 +1258,25 @@ void csm_coarse_blockers(const csm_coarse_maps *maps, const csm_coarse_points *p
 /* Share of the points with an occluder in each of 5 x 5 texels, whose depths' mean and variance
  * would let through more than a tenth of the light [Lauritzen2007]; 0 of none. */
 double csm_coarse_layered_share(const csm_coarse_maps *maps, const csm_coarse_points *points);
+
+/* Percentiles 0 to 100 of values, linear between the nearest two; NAN counts as greatest. 0 of
+ * none. */
+csm_status csm_percentiles(size_t count, const double *values, size_t at_count, const double *at,
+                           double *out, csm_error *err);
+
+#define CSM_COARSE_BINS 24
+
+/* How many positive depths [m] lie in each of 24 intervals from the nearest to the farthest, in equal
+ * ratios; each begins at its edge. Of none the edges are 1. */
+void csm_depth_histogram(size_t count, const double *depths, double edges[CSM_COARSE_BINS + 1],
+                         int64_t counts[CSM_COARSE_BINS]);
+
+/* How a step of one along either of two coordinates, the other staying, moves points of a surface
+ * in the picture: [right or down][coordinate], in pixels. gradients: of the coordinates, per metre,
+ * of all or of each point. */
+void csm_surface_steps(const csm_camera *camera, size_t count, const double (*points)[3],
+                       const double (*normals)[3], const double (*gradients)[2][3], bool of_each,
+                       double (*out)[2][2]);
 
 /* ------------------------------------------------------------------------------------------------
  * 13. Forecasts: what windows make of a coarse view (docs/recommendation.md)
@@ -1300,5 +1374,32 @@ void csm_casters_first(const csm_casters *casters, int count, const double (*uvz
  * first, equal ones in order. */
 csm_status csm_casters_order(size_t count, const double *area, const int *kind, int kinds,
                              int64_t *out, csm_error *err);
+
+/* Triangles, as they lie across the light. */
+typedef struct csm_sample {
+    size_t count;
+    const double *along[2]; /* 3 x count each: their first corners, their second, their third [m] */
+    const double *side;     /* -1 where mirrored, else 1 */
+} csm_sample;
+
+/* Boxes and areas as of csm_casters. The axes and the way to the light are a right-handed basis. */
+void csm_casters_across(const csm_sample *sample, double (*centre)[2], double (*half)[2],
+                        double *area);
+
+#define CSM_KEPT_MOST 300   /* of each class of casters */
+#define CSM_KEPT_LARGEST 75 /* of those, that count for none but themselves */
+
+/* Casters that are kept; room for CSM_KEPT_MOST of every map and as many more. */
+typedef struct csm_kept {
+    size_t count;
+    int64_t *number;
+    double *weight; /* how many of its class each of them stands for */
+} csm_kept;
+
+/* Fewer of them, so that each of some maps keeps enough. Classed by the first map that they meet;
+ * of each class the largest, and of the others, sorted by area, every so manieth. All of a class of
+ * few, in order. No weight is read. */
+csm_status csm_casters_thinned(const csm_casters *casters, int count,
+                               const double (*uvz_from_world)[16], csm_kept *out, csm_error *err);
 
 #endif

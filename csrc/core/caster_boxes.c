@@ -4,8 +4,6 @@
  * In: triangles as boxes across the light, windows as matrices. Out: layers, outlines and counts of
  * each map.
  */
-#include <stdlib.h>
-
 #include "linalg.h"
 
 #include "csm.h"
@@ -102,98 +100,61 @@ void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_
     }
 }
 
-/* Whether a box is held in part: by `held_by`, without its divisions. */
-static bool meets(const box_window *window, const double *centre, const double *half) {
-    bool out = true;
-    for (int row = 0; row < 2; row++) {
-        double whole;
-        const double side = held_side(window, row, centre, half, &whole);
-        out &= (side > 0.0) | ((side == 0.0) & !(whole > 0.0)); /* edge on there is no width */
+#define TOGETHER 64 /* casters that are gone through at once */
+
+/* Boxes by their numbers: of many at once packed numbers are quicker than pairs. */
+typedef struct box_lanes {
+    double centre[2][TOGETHER], half[2][TOGETHER];
+} box_lanes;
+
+/* Whether a map holds something of a box along one side, by the box's middle there and how far it
+ * reaches. Edge on a box has no width. */
+static inline bool meets_along(double at, double reach) {
+    const double low = at - reach > 0.0 ? at - reach : 0.0;
+    const double high = at + reach < 1.0 ? at + reach : 1.0;
+    return (high > low) | ((high == low) & !(reach > 0.0));
+}
+
+/* A value where boxes are held in part: by `held_by`, without its divisions and without a branch,
+ * since which it is varies. */
+static void put_where_met(const box_window *window, const box_lanes *boxes, int count, double value,
+                          double *restrict out) {
+    const double *u = window->turn[0], *v = window->turn[1];
+    const double size_u[2] = {fabs(u[0]), fabs(u[1])}, size_v[2] = {fabs(v[0]), fabs(v[1])};
+    for (int i = 0; i < count; i++) {
+        const double x = boxes->centre[0][i], y = boxes->centre[1][i];
+        const double wide = boxes->half[0][i], high = boxes->half[1][i];
+        const bool along_u = meets_along(u[0] * x + u[1] * y + window->shift[0],
+                                         size_u[0] * wide + size_u[1] * high);
+        const bool along_v = meets_along(v[0] * x + v[1] * y + window->shift[1],
+                                         size_v[0] * wide + size_v[1] * high);
+        out[i] = along_u & along_v ? value : out[i];
     }
-    return out;
 }
 
 void csm_casters_first(const csm_casters *casters, int count, const double (*uvz_from_world)[16],
                        int *out) {
-    for (size_t k = 0; k < casters->count; k++) {
-        out[k] = count;
+    box_window windows[CSM_MAX_CASCADES];
+    for (int i = 0; i < count; i++) {
+        windows[i] = window_of(casters, uvz_from_world[i]);
     }
-    for (int i = count - 1; i >= 0; i--) { /* all windows, without a branch: which it is varies */
-        const box_window window = window_of(casters, uvz_from_world[i]);
-        for (size_t k = 0; k < casters->count; k++) {
-            out[k] = meets(&window, casters->centre + 2 * k, casters->half + 2 * k) ? i : out[k];
+    for (size_t first = 0; first < casters->count; first += TOGETHER) {
+        const size_t left = casters->count - first;
+        const int some = left < TOGETHER ? (int)left : TOGETHER;
+        box_lanes boxes;
+        double met[TOGETHER]; /* as numbers, which compilers pack */
+        for (int k = 0; k < some; k++) {
+            for (int axis = 0; axis < 2; axis++) {
+                boxes.centre[axis][k] = casters->centre[2 * (first + (size_t)k) + (size_t)axis];
+                boxes.half[axis][k] = casters->half[2 * (first + (size_t)k) + (size_t)axis];
+            }
+            met[k] = count;
+        }
+        for (int i = count - 1; i >= 0; i--) {
+            put_where_met(&windows[i], &boxes, some, i, met);
+        }
+        for (int k = 0; k < some; k++) {
+            out[first + (size_t)k] = (int)met[k];
         }
     }
-}
-
-#define DIGIT 11 /* bits */
-#define DIGITS 6
-#define VALUES (1 << DIGIT)
-
-typedef struct sorted_caster {
-    uint64_t key;
-    size_t number;
-} sorted_caster;
-
-static size_t digit_of(uint64_t key, int digit) {
-    return key >> (DIGIT * digit) & (VALUES - 1);
-}
-
-/* Larger areas first. Bits of a positive number grow as it does. */
-static uint64_t area_key(double area) {
-    const double size = fabs(area);
-    uint64_t bits;
-    memcpy(&bits, &size, sizeof bits);
-    return ~bits;
-}
-
-/* By places of counts, which are used up; those of one place stay in order. */
-static void deal(const sorted_caster *from, size_t count, int digit, uint32_t counts[VALUES],
-                 sorted_caster *to) {
-    uint32_t sum = 0;
-    for (int i = 0; i < VALUES; i++) {
-        const uint32_t here = counts[i];
-        counts[i] = sum;
-        sum += here;
-    }
-    for (size_t k = 0; k < count; k++) {
-        to[counts[digit_of(from[k].key, digit)]++] = from[k];
-    }
-}
-
-csm_status csm_casters_order(size_t count, const double *area, const int *kind, int kinds,
-                             int64_t *out, csm_error *err) {
-    sorted_caster *from = malloc((2 * count + 1) * sizeof *from);
-    uint32_t(*counts)[VALUES] = calloc(DIGITS, sizeof *counts);
-    if (!from || !counts) {
-        free(from);
-        free(counts);
-        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu casters", count);
-    }
-    sorted_caster *const first = from, *to = from + count;
-    size_t starts[CSM_MAX_CASCADES + 2] = {0};
-    for (size_t k = 0; k < count; k++) {
-        from[k] = (sorted_caster){area_key(area[k]), k};
-        for (int digit = 0; digit < DIGITS; digit++) {
-            counts[digit][digit_of(from[k].key, digit)]++;
-        }
-        starts[kind[k] + 1]++;
-    }
-    for (int digit = 0; digit < DIGITS; digit++) {
-        if (count && counts[digit][digit_of(from[0].key, digit)] < count) { /* else all share it */
-            deal(from, count, digit, counts[digit], to);
-            sorted_caster *other = from;
-            from = to;
-            to = other;
-        }
-    }
-    for (int i = 1; i < kinds; i++) {
-        starts[i] += starts[i - 1];
-    }
-    for (size_t k = 0; k < count; k++) {
-        out[starts[kind[from[k].number]]++] = (int64_t)from[k].number;
-    }
-    free(first);
-    free(counts);
-    return CSM_OK;
 }

@@ -120,6 +120,15 @@ extern PyMethodDef csm_py_coarse_methods[];
 /* coarse_map_functions.c */
 extern PyMethodDef csm_py_coarse_map_methods[];
 
+/* coarse_look_functions.c */
+extern PyMethodDef csm_py_coarse_look_methods[];
+
+/* coarse_number_functions.c */
+extern PyMethodDef csm_py_coarse_number_methods[];
+
+/* caster_functions.c */
+extern PyMethodDef csm_py_caster_methods[];
+
 /* forecast_functions.c, forecast_sum_functions.c */
 extern PyMethodDef csm_py_forecast_methods[];
 extern PyMethodDef csm_py_forecast_sum_methods[];
