@@ -1178,14 +1178,6 @@ void csm_coarse_receivers(const csm_coarse_picture *picture, size_t facing,
 #define CSM_OUTLINE_DIRECTIONS 16
 #define CSM_OUTLINE_MAX (CSM_OUTLINE_SLICES * CSM_OUTLINE_DIRECTIONS)
 
-/* What windows must reach to: of each of 12 slices of view depth, in equal ratios, the outermost
- * points in 16 directions across the light. Points are those of the pictures' facing pixels and
- * more of the world; all cameras share eye and direction with the first. In the order in which
- * they were met, each once; returns their number. */
-size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
-                          const double (*points)[3], size_t point_count,
-                          const double light_axes[2][3], double out[CSM_OUTLINE_MAX][3]);
-
 #define CSM_COARSE_EDGES 3000
 
 /* Arrays of the caller's, one element per edge. */
@@ -1207,21 +1199,44 @@ size_t csm_coarse_edge_count(size_t pairs);
 csm_status csm_coarse_edges(const csm_coarse_picture *picture, double shrink, size_t pairs,
                             const csm_coarse_edge_arrays *out, csm_error *err);
 
+/* A plane that goes on past its last coarse pixel along a row or column, before the next one. */
+typedef struct csm_plane_end {
+    double point[3], depth; /* of the last pixel of the full picture that sees it */
+    double last, step;      /* what is linear in the picture: at the coarse pixel, and to the next */
+    int place, crossing;    /* of the coarse pixel: along the way, and across it */
+    int first, reach;       /* pixels of the full picture that see it, counted from the coarse one */
+} csm_plane_end;
+
+#define CSM_PLANE_WAYS 4 /* down, up, right, left */
+
 /* Where planes end between the pixels of a coarse picture. */
 typedef struct csm_plane_ends {
-    double (*points)[3]; /* world; malloc */
-    size_t count;
+    csm_camera full, small;
+    csm_plane_end *ends; /* way by way; malloc */
+    size_t starts[CSM_PLANE_WAYS + 1];
     bool horizon;       /* whether any plane reaches its horizon against the sky */
     int horizon_box[4]; /* coarse pixels there: first row and column, and those after the last */
 } csm_plane_ends;
 
-/* Points of the full camera's picture past the last coarse pixels of planes, within the bounds
- * {min, max}. A plane's inverse depth is linear in the picture (an orthographic camera's depth), so
- * three pixels in a line say whether it is one and where it goes on. An orthographic camera has no
+/* They go on as far as the bounds {min, max}, in which what is seen lies, and before what is seen
+ * next. A plane's inverse depth is linear in the picture (an orthographic camera's depth), so three
+ * pixels in a line say whether it is one and where it goes on. An orthographic camera has no
  * horizon. Free the result with csm_plane_ends_free. */
 csm_status csm_coarse_plane_ends(const csm_camera *full, const csm_coarse_picture *picture,
                                  const double bounds[6], csm_plane_ends *out, csm_error *err);
 void csm_plane_ends_free(csm_plane_ends *ends);
+
+/* Points of the world that all pixels of the full picture see there; their number, out may be
+ * NULL. */
+size_t csm_plane_end_points(const csm_plane_ends *ends, double (*out)[3]);
+
+/* What windows must reach to: of each of 12 slices of view depth, in equal ratios, the outermost
+ * points in 16 directions across the light. Points are those of the pictures' facing pixels and
+ * those past the ends of planes of the first one (or NULL: of none); all cameras share eye and
+ * direction. In the order in which they were met, each once; returns their number. */
+size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
+                          const csm_plane_ends *ends, const double light_axes[2][3],
+                          double out[CSM_OUTLINE_MAX][3]);
 
 /* The maps of a coarse frame: square, row 0 at the bottom, depths 0 to 1, 1 where nothing is. */
 typedef struct csm_coarse_maps {

@@ -1,6 +1,6 @@
 /* coarse_outline.c: the outermost points of coarse pictures, in slices of depth.
  *
- * In: pictures, more points, two axes across the light. Out: at most 192 points. Their pixels are
+ * In: pictures, ends of planes, two axes across the light. Out: at most 192 points. Their pixels are
  * gone through twice: for the range of depths, and for the points. Hardly a pixel is outermost:
  * some of them say how far out others must lie, and blocks whose boxes lie nearer are left out, by
  * single precision and what it may be wrong by.
@@ -20,6 +20,7 @@
 /* of distances, that those in single precision may be wrong by, and those in double precision */
 #define SINGLE 2e-6
 #define DOUBLE 1e-14
+#define CLEARLY 1e-9 /* of a point's distances, that those of points before it are not wrong by */
 
 typedef struct outer_point {
     size_t number; /* in the order in which points are met */
@@ -34,14 +35,6 @@ typedef struct outline {
     double reach[SLICES][DIRECTIONS]; /* -INFINITY where there is none yet */
     outer_point outermost[SLICES][DIRECTIONS];
 } outline;
-
-static double depth_of(const csm_camera *camera, const double point[3]) {
-    double depth = 0.0;
-    for (int i = 0; i < 3; i++) {
-        depth -= (point[i] - camera->eye[i]) * camera->backward[i];
-    }
-    return depth;
-}
 
 /* Depths of count pixels of a row, NAN where they do not face the sun: no comparison holds. */
 static void facing_depths(const csm_coarse_picture *picture, size_t first, int count,
@@ -80,7 +73,7 @@ static void empty_lanes(float *low, float *high, int count) {
 
 /* Least and greatest depth; low > high of none. */
 static void depth_range(const csm_coarse_picture *pictures, int picture_count,
-                        const double (*points)[3], size_t point_count, double range[2]) {
+                        const csm_plane_ends *ends, double range[2]) {
     float depths[TOGETHER], low[TOGETHER], high[TOGETHER];
     empty_lanes(low, high, TOGETHER);
     for (int k = 0; k < picture_count; k++) {
@@ -93,8 +86,8 @@ static void depth_range(const csm_coarse_picture *pictures, int picture_count,
         }
     }
     range_of(low, high, TOGETHER, range);
-    for (size_t i = 0; i < point_count; i++) {
-        const double depth = depth_of(pictures[0].camera, points[i]);
+    for (size_t i = 0; ends && i < ends->starts[CSM_PLANE_WAYS]; i++) {
+        const double depth = ends->ends[i].depth; /* all before it lie between it and a pixel */
         range[0] = depth < range[0] ? depth : range[0];
         range[1] = depth > range[1] ? depth : range[1];
     }
@@ -124,9 +117,14 @@ static int slice_of(const outline *o, double depth) {
     return slice;
 }
 
-/* How far out a point lies, and whether it may be outermost anywhere in its slice. */
-static inline bool reaches_out(const outline *o, const double point[3], int slice,
-                               double here[DIRECTIONS]) {
+static bool in_slice(const outline *o, int slice, double depth) {
+    return (slice == 0 || o->borders[slice - 1] < depth) &&
+           (slice == SLICES - 1 || !(o->borders[slice] < depth));
+}
+
+/* How far out a point lies, and how far beyond what the outermost of its slice reach at least. */
+static inline double beyond_least(const outline *o, const double point[3], int slice,
+                                  double here[DIRECTIONS]) {
     const double u = vec3_dot(point, o->axes[0]), v = vec3_dot(point, o->axes[1]);
     const double *least = o->least[slice];
     double most = -INFINITY;               /* a reach of -INFINITY is beaten by all */
@@ -135,14 +133,14 @@ static inline bool reaches_out(const outline *o, const double point[3], int slic
         const double beyond = here[k] - least[k];
         most = beyond > most ? beyond : most;
     }
-    return most >= 0.0;
+    return most;
 }
 
 /* Of points that lie equally far out the first counts, in whichever order they come. */
 static void outline_add(outline *o, const double point[3], double depth, size_t number) {
     const int slice = slice_of(o, depth);
     double here[DIRECTIONS], *reach = o->reach[slice], *least = o->least[slice];
-    if (!reaches_out(o, point, slice, here)) {
+    if (!(beyond_least(o, point, slice, here) >= 0.0)) {
         return;
     }
     for (int k = 0; k < DIRECTIONS; k++) {
@@ -173,7 +171,7 @@ static void look_first(outline *o, const csm_coarse_picture *picture) {
                 const int slice = slice_of(o, depth);
                 double point[3], here[DIRECTIONS], *least = o->least[slice];
                 pixel_point(picture, row, column, depth, point);
-                reaches_out(o, point, slice, here);
+                beyond_least(o, point, slice, here);
                 for (int k = 0; k < DIRECTIONS; k++) {
                     least[k] = here[k] > least[k] ? here[k] : least[k];
                 }
@@ -325,30 +323,45 @@ static void outline_add_picture(outline *o, const csm_coarse_picture *picture, s
     }
 }
 
-/* In blocks of points that follow each other, which mostly lie near each other. */
-static void outline_add_points(outline *o, const csm_camera *camera, const double (*points)[3],
-                               size_t count, size_t first) {
-    for (size_t i = 0; i < count; i += BLOCK) {
-        const int some = count - i < BLOCK ? (int)(count - i) : BLOCK;
-        double box[3][2], depths[BLOCK];
-        for (int axis = 0; axis < 3; axis++) {
-            box[axis][0] = INFINITY;
-            box[axis][1] = -INFINITY;
-        }
-        for (int k = 0; k < some; k++) {
-            const double *point = points[i + (size_t)k];
-            depths[k] = depth_of(camera, point);
-            const double at[3] = {vec3_dot(point, o->axes[0]), vec3_dot(point, o->axes[1]),
-                                  depths[k]};
-            for (int axis = 0; axis < 3; axis++) {
-                box[axis][0] = at[axis] < box[axis][0] ? at[axis] : box[axis][0];
-                box[axis][1] = at[axis] > box[axis][1] ? at[axis] : box[axis][1];
+/* All that pixels of the full picture see past one end. Their order: of each way all first pixels,
+ * then all second ones. */
+static void outline_add_reaching(outline *o, const coarse_way *way, const csm_plane_end *end,
+                                 size_t first, size_t count) {
+    const coarse_place place = coarse_place_of(way, end->place);
+    for (int k = end->first; k <= end->reach; k++) {
+        const double ahead = coarse_ahead(way, &place, k);
+        double point[3];
+        coarse_point_past(way, &place, k, end->crossing,
+                          coarse_depth_past(way, end->last, end->step, ahead), point);
+        outline_add(o, point, depth_of(way->full, point), first + (size_t)(k - 1) * count);
+    }
+}
+
+/* Past an end points lie in a line, from the coarse pixel, which was met, to the last of them. So
+ * where both are of one slice of depth, and the last one lies farther in than rounding may tell, none
+ * of them is outermost. */
+static bool may_reach_out(const outline *o, const csm_plane_end *end, double from) {
+    const int slice = slice_of(o, end->depth);
+    double here[DIRECTIONS];
+    if (!in_slice(o, slice, from)) {
+        return true;
+    }
+    const double beyond = beyond_least(o, end->point, slice, here);
+    return !(beyond < -(CLEARLY * (fabs(here[0]) + fabs(here[DIRECTIONS / 4]))));
+}
+
+static void outline_add_ends(outline *o, const csm_plane_ends *ends, size_t first) {
+    for (int number = 0; number < CSM_PLANE_WAYS; number++) {
+        const coarse_way way = coarse_way_of(&ends->full, &ends->small, number);
+        const size_t start = ends->starts[number], count = ends->starts[number + 1] - start;
+        for (size_t i = 0; i < count; i++) {
+            const csm_plane_end *end = &ends->ends[start + i];
+            const double from = coarse_depth_past(&way, end->last, end->step, 0.0);
+            if (may_reach_out(o, end, from)) {
+                outline_add_reaching(o, &way, end, first + i, count);
             }
         }
-        const bool out = box_reaches_out(o, box, 0.0);
-        for (int k = 0; out && k < some; k++) {
-            outline_add(o, points[i + (size_t)k], depths[k], first + i + (size_t)k);
-        }
+        first += (size_t)way.most * count;
     }
 }
 
@@ -378,10 +391,10 @@ static size_t outline_end(outline *o, double out[CSM_OUTLINE_MAX][3]) {
 }
 
 size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
-                          const double (*points)[3], size_t point_count,
-                          const double light_axes[2][3], double out[CSM_OUTLINE_MAX][3]) {
+                          const csm_plane_ends *ends, const double light_axes[2][3],
+                          double out[CSM_OUTLINE_MAX][3]) {
     double range[2];
-    depth_range(pictures, picture_count, points, point_count, range);
+    depth_range(pictures, picture_count, ends, range);
     if (!(range[0] <= range[1])) {
         return 0;
     }
@@ -395,6 +408,8 @@ size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
         outline_add_picture(&o, &pictures[k], met);
         met += (size_t)pictures[k].camera->width * (size_t)pictures[k].camera->height;
     }
-    outline_add_points(&o, pictures[0].camera, points, point_count, met);
+    if (ends) {
+        outline_add_ends(&o, ends, met);
+    }
     return outline_end(&o, out);
 }

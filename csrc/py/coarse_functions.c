@@ -91,36 +91,51 @@ static int parse_pictures(PyObject *module, PyObject *object, picture_arguments 
     return 0;
 }
 
+#define ENDS_NAME "csm.coarse_plane_ends"
+
+static void free_ends(PyObject *capsule) {
+    csm_plane_ends *ends = PyCapsule_GetPointer(capsule, ENDS_NAME);
+    csm_plane_ends_free(ends);
+    PyMem_Free(ends);
+}
+
+/* What coarse_plane_ends gave; NULL with an exception for anything else. */
+static const csm_plane_ends *parse_ends(PyObject *object) {
+    if (!PyCapsule_IsValid(object, ENDS_NAME)) {
+        PyErr_Format(PyExc_TypeError, "ends: expected what coarse_plane_ends gives (got %R)",
+                     object);
+        return NULL;
+    }
+    return PyCapsule_GetPointer(object, ENDS_NAME);
+}
+
 PyDoc_STRVAR(coarse_outline_doc,
-             "coarse_outline(pictures, points, light_axes)\n--\n\n"
+             "coarse_outline(pictures, ends, light_axes)\n--\n\n"
              "The outermost points (k, 3) across the light in slices of depth, of the facing "
-             "pixels of pictures (camera, view_depth, facing) and of points (m, 3).");
+             "pixels of pictures (camera, view_depth, facing) and past the ends of the first one's "
+             "planes, or None.");
 
 static PyObject *coarse_outline(PyObject *module, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"pictures", "points", "light_axes", NULL};
-    PyObject *pictures, *points_object, *axes_object, *out = NULL;
+    static char *names[] = {"pictures", "ends", "light_axes", NULL};
+    PyObject *pictures, *ends_object, *axes_object, *out = NULL;
     picture_arguments in[MAX_PICTURES] = {{.arrays = {NULL}}};
     csm_coarse_picture descs[MAX_PICTURES];
     double axes[2][3], outline[CSM_OUTLINE_MAX][3];
+    const csm_plane_ends *ends = NULL;
     int count = 0;
-    PyArrayObject *points = NULL;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO:coarse_outline", names, &pictures,
-                                     &points_object, &axes_object) ||
-        csm_py_vector(axes_object, "light_axes", 6, axes[0]) < 0) {
+                                     &ends_object, &axes_object) ||
+        csm_py_vector(axes_object, "light_axes", 6, axes[0]) < 0 ||
+        (ends_object != Py_None && !(ends = parse_ends(ends_object)))) {
         return NULL;
     }
     if (parse_pictures(module, pictures, in, &count) == 0) {
-        points = csm_py_shaped(points_object, "points", NPY_DOUBLE, 2, (const npy_intp[]){-1, 3});
-    }
-    if (points) {
         for (int i = 0; i < count; i++) {
             descs[i] = in[i].desc;
         }
         size_t kept;
         Py_BEGIN_ALLOW_THREADS
-        kept =
-            csm_coarse_outline(descs, count, PyArray_DATA(points), (size_t)PyArray_DIM(points, 0),
-                               (const double(*)[3])axes, outline);
+        kept = csm_coarse_outline(descs, count, ends, (const double(*)[3])axes, outline);
         Py_END_ALLOW_THREADS
         out = new_points((npy_intp)kept);
         if (out) {
@@ -130,13 +145,39 @@ static PyObject *coarse_outline(PyObject *module, PyObject *args, PyObject *kwar
     for (int i = 0; i < count; i++) {
         release_picture(&in[i]);
     }
-    Py_XDECREF(points);
     return out;
+}
+
+/* The ends as an object that owns them, and their horizon's box. */
+static PyObject *new_ends(PyObject *module, const csm_camera *full,
+                          const csm_coarse_picture *picture, const double bounds[6]) {
+    csm_plane_ends *ends = PyMem_Malloc(sizeof *ends);
+    if (!ends) {
+        return PyErr_NoMemory();
+    }
+    csm_error err = {0};
+    csm_status status;
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_coarse_plane_ends(full, picture, bounds, ends, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        PyMem_Free(ends);
+        return csm_py_raise(module, &err);
+    }
+    PyObject *capsule = PyCapsule_New(ends, ENDS_NAME, free_ends);
+    if (!capsule) {
+        csm_plane_ends_free(ends);
+        PyMem_Free(ends);
+        return NULL;
+    }
+    const int *box = ends->horizon_box;
+    return ends->horizon ? Py_BuildValue("N(iiii)", capsule, box[0], box[1], box[2], box[3])
+                         : Py_BuildValue("NO", capsule, Py_None);
 }
 
 PyDoc_STRVAR(coarse_plane_ends_doc,
              "coarse_plane_ends(camera, small, view_depth, valid, facing, bounds)\n--\n\n"
-             "Points (k, 3) of the full camera's picture past the last coarse pixels of planes, "
+             "Ends of planes between the coarse pixels, for coarse_outline and coarse_end_points, "
              "and the first row and column and those after the last of the coarse pixels at the "
              "planes' horizon, or None.");
 
@@ -153,28 +194,26 @@ static PyObject *coarse_plane_ends(PyObject *module, PyObject *args, PyObject *k
         return NULL;
     }
     if (parse_picture(module, small, arrays, &in) == 0) {
-        csm_plane_ends ends;
-        csm_error err = {0};
-        csm_status status;
-        Py_BEGIN_ALLOW_THREADS
-        status = csm_coarse_plane_ends(&full.camera, &in.desc, bounds, &ends, &err);
-        Py_END_ALLOW_THREADS
-        PyObject *points = NULL;
-        if (status != CSM_OK) {
-            csm_py_raise(module, &err);
-        } else {
-            points = new_points((npy_intp)ends.count);
-        }
-        if (points) {
-            memcpy(PyArray_DATA((PyArrayObject *)points), ends.points,
-                   ends.count * sizeof ends.points[0]);
-            const int *box = ends.horizon_box;
-            out = ends.horizon ? Py_BuildValue("N(iiii)", points, box[0], box[1], box[2], box[3])
-                               : Py_BuildValue("NO", points, Py_None);
-        }
-        csm_plane_ends_free(&ends);
+        out = new_ends(module, &full.camera, &in.desc, bounds);
     }
     release_picture(&in);
+    return out;
+}
+
+PyDoc_STRVAR(coarse_end_points_doc,
+             "coarse_end_points(ends)\n--\n\n"
+             "Points (k, 3) that pixels of the full camera's picture see past the ends of planes.");
+
+static PyObject *coarse_end_points(PyObject *module, PyObject *object) {
+    const csm_plane_ends *ends = parse_ends(object);
+    (void)module;
+    if (!ends) {
+        return NULL;
+    }
+    PyObject *out = new_points((npy_intp)csm_plane_end_points(ends, NULL));
+    if (out) {
+        csm_plane_end_points(ends, PyArray_DATA((PyArrayObject *)out));
+    }
     return out;
 }
 
@@ -321,6 +360,7 @@ static PyObject *coarse_receivers(PyObject *module, PyObject *args, PyObject *kw
 PyMethodDef csm_py_coarse_methods[] = {
     METHOD(coarse_outline),
     METHOD(coarse_plane_ends),
+    {"coarse_end_points", coarse_end_points, METH_O, coarse_end_points_doc},
     METHOD(coarse_edges),
     METHOD(coarse_receivers),
     {NULL, NULL, 0, NULL},
