@@ -123,7 +123,7 @@ def receivers_of(camera, frame, look, sun):
     )
 
 
-def outline_of(pictures, points, light_axes):
+def outline_of(pictures, ends, light_axes):
     """Outermost of points across the light, of every slice of depth: windows reach to them.
 
     Parameters
@@ -131,8 +131,9 @@ def outline_of(pictures, points, light_axes):
     pictures : sequence of (Camera, (h, w) float32, (h, w) bool)
         1 to 4: camera, view depths [m] and which pixels count, with their points of the world. All
         look from where the first does, the same way.
-    points : (m, 3) float64
-        More of the world.
+    ends : object or None
+        Ends of planes of the first picture, as of `csm.horizons.ends_of`: what the full picture
+        sees past them counts too.
     light_axes : (2, 3) float64
         Across the light.
 
@@ -145,9 +146,11 @@ def outline_of(pictures, points, light_axes):
     Raises
     ------
     ValueError
-        If a picture is not of its camera's size, or points are none.
+        If a picture is not of its camera's size, or there is none.
+    TypeError
+        If ends are something else.
     """
-    return _core.coarse_outline(tuple(pictures), points, light_axes)
+    return _core.coarse_outline(tuple(pictures), ends, light_axes)
 
 
 def edges_of(camera, frame, judged, lit, shrink):

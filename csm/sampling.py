@@ -4,8 +4,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from . import _core
-
 __all__ = [
     "EdgeYardstick",
     "edge_slopes",
@@ -154,7 +152,29 @@ def surface_steps(camera, points, normals, gradients):
     steps : (m, 2, 2) float64
         ``[point, right or down, coordinate]`` [pixels of the camera].
     """
-    return _core.surface_steps(camera, points, normals, gradients)
+    gradients = np.broadcast_to(gradients, (len(points), 2, 3))
+    along_u, along_v = _cross(gradients[:, 1], normals), _cross(normals, gradients[:, 0])
+    volume = np.einsum("mk,mk->m", gradients[:, 0], along_u)
+    volume = np.where(volume == 0.0, 1e-300, volume)
+    step = np.stack([along_u, along_v], axis=1) / volume[:, None, None]
+    across = np.stack([camera.right, camera.up])
+    moved = np.einsum("aj,mkj->mak", across, step)
+    if not camera.orthographic:
+        # d(x / z) = (dx - (x / z) dz) / z
+        relative = points - camera.eye
+        depth = relative @ -camera.backward
+        slant = (relative @ across.T) / depth[:, None]
+        moved = moved - slant[:, :, None] * (step @ -camera.backward)[:, None, :]
+        moved = moved / depth[:, None, None]
+    width, height = camera.size
+    pixels = np.array([0.5 * width / camera.half_width, -0.5 * height / camera.half_height])
+    return pixels[:, None] * moved
+
+
+def _cross(one, other):
+    """Products (m, 3) of rows, as of ``np.cross``, which takes three times as long."""
+    (a, b, c), (x, y, z) = one.T, other.T
+    return np.stack([b * z - c * y, c * x - a * z, a * y - b * x], axis=1)
 
 
 def _largest_singular_value(matrices):

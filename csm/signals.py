@@ -27,7 +27,7 @@ from .coarse_look import (
     thin_share_of,
 )
 from .horizons import ends_of
-from .sampling import LIT, surface_steps
+from .sampling import LIT
 from .settings import ShadowSettings
 from .spaces import frozen, light_gradients
 
@@ -133,7 +133,7 @@ class View:
 
         Pixels of the full picture.
         """
-        steps = surface_steps(self.camera, self.edges, self.edge_normals, self.axes)
+        steps = _core.surface_steps(self.camera, self.edges, self.edge_normals, self.axes)
         return np.einsum("ea,eak->ek", self.edge_across, steps)
 
     def penumbra_widths(self):

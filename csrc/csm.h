@@ -1202,9 +1202,9 @@ csm_status csm_coarse_edges(const csm_coarse_picture *picture, double shrink, si
 /* A plane that goes on past its last coarse pixel along a row or column, before the next one. */
 typedef struct csm_plane_end {
     double point[3], depth; /* of the last pixel of the full picture that sees it */
-    double last, step;      /* what is linear in the picture: at the coarse pixel, and to the next */
-    int place, crossing;    /* of the coarse pixel: along the way, and across it */
-    int first, reach;       /* pixels of the full picture that see it, counted from the coarse one */
+    double last, step;   /* what is linear in the picture: at the coarse pixel, and to the next */
+    int place, crossing; /* of the coarse pixel: along the way, and across it */
+    int first, reach;    /* pixels of the full picture that see it, counted from the coarse one */
 } csm_plane_end;
 
 #define CSM_PLANE_WAYS 4 /* down, up, right, left */
@@ -1281,16 +1281,16 @@ csm_status csm_percentiles(size_t count, const double *values, size_t at_count, 
 
 #define CSM_COARSE_BINS 24
 
-/* How many positive depths [m] lie in each of 24 intervals from the nearest to the farthest, in equal
- * ratios; each begins at its edge. Of none the edges are 1. */
+/* How many positive depths [m] lie in each of 24 intervals from the nearest to the farthest, in
+ * equal ratios; each begins at its edge. Of none the edges are 1. */
 void csm_depth_histogram(size_t count, const double *depths, double edges[CSM_COARSE_BINS + 1],
                          int64_t counts[CSM_COARSE_BINS]);
 
 /* How a step of one along either of two coordinates, the other staying, moves points of a surface
- * in the picture: [right or down][coordinate], in pixels. gradients: of the coordinates, per metre,
- * of all or of each point. */
+ * in the picture: [right or down][coordinate], in pixels. gradients: of the coordinates, per metre.
+ * csm/sampling.py has its own, for what judges. */
 void csm_surface_steps(const csm_camera *camera, size_t count, const double (*points)[3],
-                       const double (*normals)[3], const double (*gradients)[2][3], bool of_each,
+                       const double (*normals)[3], const double gradients[2][3],
                        double (*out)[2][2]);
 
 /* ------------------------------------------------------------------------------------------------

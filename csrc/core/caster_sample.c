@@ -192,8 +192,8 @@ csm_status csm_casters_thinned(const csm_casters *casters, int count,
     csm_status status = CSM_OK;
     out->count = 0;
     if (!kind || !order) {
-        status = csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu casters",
-                          casters->count);
+        status =
+            csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu casters", casters->count);
     } else {
         csm_casters_first(casters, count, uvz_from_world, kind);
         status = csm_casters_order(casters->count, casters->area, kind, count + 1, order, err);
@@ -202,7 +202,7 @@ csm_status csm_casters_thinned(const csm_casters *casters, int count,
     for (size_t k = 0; status == CSM_OK && k < casters->count; k++) {
         sizes[kind[k]]++;
     }
-    for (int class = 0; status == CSM_OK && class <= count; class++) {
+    for (int class = 0; status == CSM_OK && class <= count; class ++) {
         out->count = sizes[class] <= CSM_KEPT_MOST
                          ? keep_all(kind, sizes[class] ? casters->count : 0, class, out, out->count)
                          : keep_some(order + start, sizes[class], out, out->count);

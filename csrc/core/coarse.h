@@ -83,8 +83,8 @@ static inline double coarse_ahead(const coarse_way *way, const coarse_place *pla
 static inline void coarse_point_past(const coarse_way *way, const coarse_place *place, int k,
                                      int crossing, double depth, double out[3]) {
     const int pixel = place->before + k, along = way->back ? way->length - 1 - pixel : pixel;
-    const double x = way->axis ? coarse_column_x(way->full, along)
-                               : coarse_column_x(way->small, crossing);
+    const double x =
+        way->axis ? coarse_column_x(way->full, along) : coarse_column_x(way->small, crossing);
     const double y =
         way->axis ? coarse_row_y(way->small, crossing) : coarse_row_y(way->full, along);
     coarse_point(way->full, x, y, depth, out);

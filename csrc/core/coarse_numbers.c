@@ -103,9 +103,9 @@ csm_status csm_percentiles(size_t count, const double *values, size_t at_count, 
         const double low = count ? ordered[below] : 0.0;
         /* from the nearer of both, so that none leaves their range */
         const double high =
-            below + 1 < count ? least_of(ordered + below + 1,
-                                         below + 1 < numbers ? numbers - below - 1 : 0)
-                              : low;
+            below + 1 < count
+                ? least_of(ordered + below + 1, below + 1 < numbers ? numbers - below - 1 : 0)
+                : low;
         out[i] = share < 0.5 ? low + (high - low) * share : high - (high - low) * (1.0 - share);
     }
     free(ordered);
@@ -142,7 +142,8 @@ void csm_depth_histogram(size_t count, const double *depths, double edges[CSM_CO
     int64_t beyond[CSM_COARSE_BINS];
     count_from(depths, count, edges + 1, CSM_COARSE_BINS - 1, beyond);
     for (int k = 0; k < CSM_COARSE_BINS; k++) {
-        counts[k] = (k ? beyond[k - 1] : (int64_t)count) - (k < CSM_COARSE_BINS - 1 ? beyond[k] : 0);
+        counts[k] =
+            (k ? beyond[k - 1] : (int64_t)count) - (k < CSM_COARSE_BINS - 1 ? beyond[k] : 0);
     }
 }
 
@@ -173,16 +174,15 @@ static void move_in_plane(const csm_camera *camera, const double point[3], doubl
 }
 
 void csm_surface_steps(const csm_camera *camera, size_t count, const double (*points)[3],
-                       const double (*normals)[3], const double (*gradients)[2][3], bool of_each,
+                       const double (*normals)[3], const double gradients[2][3],
                        double (*out)[2][2]) {
     const double pixels[2] = {0.5 * camera->width / camera->half_width,
                               -0.5 * camera->height / camera->half_height};
     for (size_t i = 0; i < count; i++) {
-        const double(*gradient)[3] = gradients[of_each ? i : 0];
         double step[2][3], moved[2][2];
-        vec3_cross(gradient[1], normals[i], step[0]);
-        vec3_cross(normals[i], gradient[0], step[1]);
-        double volume = vec3_dot(gradient[0], step[0]);
+        vec3_cross(gradients[1], normals[i], step[0]);
+        vec3_cross(normals[i], gradients[0], step[1]);
+        double volume = vec3_dot(gradients[0], step[0]);
         volume = volume == 0.0 ? 1e-300 : volume; /* seen edge on from there: endlessly far */
         for (int k = 0; k < 6; k++) {
             step[k / 3][k % 3] /= volume;

@@ -1,9 +1,9 @@
 /* coarse_outline.c: the outermost points of coarse pictures, in slices of depth.
  *
- * In: pictures, ends of planes, two axes across the light. Out: at most 192 points. Their pixels are
- * gone through twice: for the range of depths, and for the points. Hardly a pixel is outermost:
- * some of them say how far out others must lie; blocks whose boxes lie nearer are left out, and of the
- * others pixels, by single precision and what it may be wrong by.
+ * In: pictures, ends of planes, two axes across the light. Out: at most 192 points. Their pixels
+ * are gone through twice: for the range of depths, and for the points. Hardly a pixel is outermost:
+ * some of them say how far out others must lie; blocks whose boxes lie nearer are left out, and of
+ * the others pixels, by single precision and what it may be wrong by.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -390,15 +390,16 @@ static void outline_add_reaching(outline *o, const coarse_way *way, const csm_pl
 }
 
 /* Past an end points lie in a line, from the coarse pixel, which was met, to the last of them. So
- * where both are of one slice of depth, and the last one lies farther in than rounding may tell, none
- * of them is outermost. */
+ * where both are of one slice of depth, and the last one lies farther in than rounding may tell,
+ * none of them is outermost. */
 static bool may_reach_out(const outline *o, const csm_plane_end *end, double from) {
     const int slice = slice_of(o, end->depth);
     double here[DIRECTIONS];
     if (!in_slice(o, slice, from)) {
         return true;
     }
-    const double margin = CLEARLY * (fabs(end->point[0]) + fabs(end->point[1]) + fabs(end->point[2]));
+    const double margin =
+        CLEARLY * (fabs(end->point[0]) + fabs(end->point[1]) + fabs(end->point[2]));
     return reaches_out(o, end->point, slice, margin, here);
 }
 

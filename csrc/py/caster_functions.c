@@ -86,8 +86,7 @@ static int parse_boxes(PyObject *const objects[BOX_ARRAYS], PyObject *axes_objec
     for (int i = 0; i < BOX_ARRAYS; i++) {
         static const char *const names[BOX_ARRAYS] = {"centre", "half", "area"};
         const npy_intp shape[2] = {i ? PyArray_DIM(out->arrays[0], 0) : -1, 2};
-        out->arrays[i] =
-            csm_py_shaped(objects[i], names[i], NPY_DOUBLE, i == AREA ? 1 : 2, shape);
+        out->arrays[i] = csm_py_shaped(objects[i], names[i], NPY_DOUBLE, i == AREA ? 1 : 2, shape);
         if (!out->arrays[i]) {
             return -1;
         }
@@ -109,9 +108,8 @@ static PyObject *casters_thinned(PyObject *module, PyObject *args, PyObject *kwa
     static char *names[] = {"centre", "half", "area", "axes", "uvz_from_world", NULL};
     PyObject *objects[BOX_ARRAYS], *axes, *matrices, *out = NULL;
     box_arguments in = {.arrays = {NULL}};
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOOO:casters_thinned", names,
-                                     &objects[CENTRE], &objects[HALF], &objects[AREA], &axes,
-                                     &matrices)) {
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOOO:casters_thinned", names, &objects[CENTRE],
+                                     &objects[HALF], &objects[AREA], &axes, &matrices)) {
         return NULL;
     }
     if (parse_boxes(objects, axes, matrices, &in) == 0) {

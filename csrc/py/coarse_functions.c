@@ -222,8 +222,8 @@ static bool new_arrays(npy_intp count, const array_rule *rules, int array_count,
                        PyArrayObject **arrays, void **data) {
     for (int i = 0; i < array_count; i++) {
         const npy_intp shape[2] = {count, rules[i].columns};
-        arrays[i] = (PyArrayObject *)PyArray_SimpleNew(rules[i].columns ? 2 : 1, shape,
-                                                       rules[i].type);
+        arrays[i] =
+            (PyArrayObject *)PyArray_SimpleNew(rules[i].columns ? 2 : 1, shape, rules[i].type);
         if (!arrays[i]) {
             csm_py_release_arrays(arrays, array_count);
             return false;
@@ -249,9 +249,9 @@ enum { ROW, COLUMN, POINT, EDGE_NORMAL, ACROSS, LENGTH, EDGE_ARRAYS };
 
 static PyObject *new_edges(PyObject *module, const csm_coarse_picture *picture, double shrink) {
     static const array_rule rules[EDGE_ARRAYS] = {
-        [ROW] = {"rows", NPY_INT64, 0},           [COLUMN] = {"columns", NPY_INT64, 0},
-        [POINT] = {"point", NPY_DOUBLE, 3},       [EDGE_NORMAL] = {"normal", NPY_DOUBLE, 3},
-        [ACROSS] = {"across", NPY_DOUBLE, 2},     [LENGTH] = {"length", NPY_DOUBLE, 0},
+        [ROW] = {"rows", NPY_INT64, 0},       [COLUMN] = {"columns", NPY_INT64, 0},
+        [POINT] = {"point", NPY_DOUBLE, 3},   [EDGE_NORMAL] = {"normal", NPY_DOUBLE, 3},
+        [ACROSS] = {"across", NPY_DOUBLE, 2}, [LENGTH] = {"length", NPY_DOUBLE, 0},
     };
     PyArrayObject *arrays[EDGE_ARRAYS] = {NULL};
     void *data[EDGE_ARRAYS];
@@ -305,8 +305,8 @@ enum { SEEN_POINT, SEEN_DEPTH, SLOPE, GRADIENT, SEEN_CASCADE, DARK, RECEIVER_ARR
 
 static PyObject *new_receivers(const csm_coarse_picture *picture, const csm_coarse_light *light) {
     static const array_rule rules[RECEIVER_ARRAYS] = {
-        [SEEN_POINT] = {"point", NPY_DOUBLE, 3},  [SEEN_DEPTH] = {"depth", NPY_DOUBLE, 0},
-        [SLOPE] = {"slope", NPY_DOUBLE, 0},       [GRADIENT] = {"gradient", NPY_DOUBLE, 0},
+        [SEEN_POINT] = {"point", NPY_DOUBLE, 3},    [SEEN_DEPTH] = {"depth", NPY_DOUBLE, 0},
+        [SLOPE] = {"slope", NPY_DOUBLE, 0},         [GRADIENT] = {"gradient", NPY_DOUBLE, 0},
         [SEEN_CASCADE] = {"cascade", NPY_UINT8, 0}, [DARK] = {"dark", NPY_BOOL, 0},
     };
     PyArrayObject *arrays[RECEIVER_ARRAYS] = {NULL};

@@ -27,8 +27,8 @@ static int parse_shown(PyObject *const objects[SHOWN_ARRAYS], PyObject *to_light
     if (csm_py_vector(to_light, "to_light", 3, out->desc.to_light) < 0) {
         return -1;
     }
-    out->arrays[VALID] = csm_py_shaped(objects[VALID], "valid", NPY_BOOL, 2,
-                                       (const npy_intp[]){-1, -1});
+    out->arrays[VALID] =
+        csm_py_shaped(objects[VALID], "valid", NPY_BOOL, 2, (const npy_intp[]){-1, -1});
     if (!out->arrays[VALID]) {
         return -1;
     }
@@ -108,15 +108,17 @@ static PyObject *new_look(const shown_arguments *in) {
     return out;
 }
 
-PyDoc_STRVAR(coarse_look_doc,
-             "coarse_look(valid, normal, mask, cascade_index, to_light, least_cosine, least_lit, "
-             "cascade_count)\n--\n\n"
-             "Which pixels (h, w) face the sun, of these have a cascade, and are lit; how many show "
-             "a surface, face the sun, are in shadow; and how many that face it each cascade has.");
+PyDoc_STRVAR(
+    coarse_look_doc,
+    "coarse_look(valid, normal, mask, cascade_index, to_light, least_cosine, least_lit, "
+    "cascade_count)\n--\n\n"
+    "Which pixels (h, w) face the sun, of these have a cascade, and are lit; how many show "
+    "a surface, face the sun, are in shadow; and how many that face it each cascade has.");
 
 static PyObject *coarse_look(PyObject *module, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"valid",        "normal",    "mask",          "cascade_index", "to_light",
-                            "least_cosine", "least_lit", "cascade_count", NULL};
+    static char *names[] = {"valid",         "normal",        "mask",
+                            "cascade_index", "to_light",      "least_cosine",
+                            "least_lit",     "cascade_count", NULL};
     PyObject *objects[SHOWN_ARRAYS], *to_light, *out = NULL;
     shown_arguments in = {.arrays = {NULL}};
     (void)module;

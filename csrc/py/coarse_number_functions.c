@@ -8,9 +8,10 @@
 
 #define MAX_PERCENTILES 16
 
-PyDoc_STRVAR(percentiles_doc, "percentiles(values, at)\n--\n\n"
-                              "Percentiles 0 to 100 (k,) of values (m,), linear between the nearest "
-                              "two; 0 of none.");
+PyDoc_STRVAR(percentiles_doc,
+             "percentiles(values, at)\n--\n\n"
+             "Percentiles 0 to 100 (k,) of values (m,), linear between the nearest "
+             "two; 0 of none.");
 
 static PyObject *percentiles(PyObject *module, PyObject *args, PyObject *kwargs) {
     static char *names[] = {"values", "at", NULL};
@@ -39,8 +40,8 @@ static PyObject *percentiles(PyObject *module, PyObject *args, PyObject *kwargs)
             return NULL;
         }
     }
-    PyArrayObject *values = csm_py_shaped(values_object, "values", NPY_DOUBLE, 1,
-                                          (const npy_intp[]){-1});
+    PyArrayObject *values =
+        csm_py_shaped(values_object, "values", NPY_DOUBLE, 1, (const npy_intp[]){-1});
     if (values && (out = PyArray_SimpleNew(1, (const npy_intp[]){wanted}, NPY_DOUBLE))) {
         const double *data = PyArray_DATA(values);
         double *found = PyArray_DATA((PyArrayObject *)out);
@@ -59,10 +60,11 @@ static PyObject *percentiles(PyObject *module, PyObject *args, PyObject *kwargs)
     return out;
 }
 
-PyDoc_STRVAR(depth_histogram_doc,
-             "depth_histogram(depths)\n--\n\n"
-             "Edges (25,) [m], from the nearest depth to the farthest in equal ratios, and how many "
-             "(24,) of the depths (m,) lie between them.");
+PyDoc_STRVAR(
+    depth_histogram_doc,
+    "depth_histogram(depths)\n--\n\n"
+    "Edges (25,) [m], from the nearest depth to the farthest in equal ratios, and how many "
+    "(24,) of the depths (m,) lie between them.");
 
 static PyObject *depth_histogram(PyObject *module, PyObject *args, PyObject *kwargs) {
     static char *names[] = {"depths", NULL};
@@ -71,8 +73,7 @@ static PyObject *depth_histogram(PyObject *module, PyObject *args, PyObject *kwa
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "O:depth_histogram", names, &object)) {
         return NULL;
     }
-    PyArrayObject *depths =
-        csm_py_shaped(object, "depths", NPY_DOUBLE, 1, (const npy_intp[]){-1});
+    PyArrayObject *depths = csm_py_shaped(object, "depths", NPY_DOUBLE, 1, (const npy_intp[]){-1});
     if (!depths) {
         return NULL;
     }
@@ -102,41 +103,40 @@ static PyObject *depth_histogram(PyObject *module, PyObject *args, PyObject *kwa
     return out;
 }
 
-PyDoc_STRVAR(surface_steps_doc,
-             "surface_steps(camera, points, normals, gradients)\n--\n\n"
-             "How a step of one along either of two coordinates moves points (m, 3) of surfaces in "
-             "the picture: (m, 2, 2) [pixels], [point, right or down, coordinate]; gradients per "
-             "metre (2, 3) or (m, 2, 3).");
+PyDoc_STRVAR(
+    surface_steps_doc,
+    "surface_steps(camera, points, normals, gradients)\n--\n\n"
+    "How a step of one along either of two coordinates moves points (m, 3) of surfaces in "
+    "the picture: (m, 2, 2) [pixels], [point, right or down, coordinate]; gradients (2, 3) "
+    "per metre.");
 
 static PyObject *surface_steps(PyObject *module, PyObject *args, PyObject *kwargs) {
     static char *names[] = {"camera", "points", "normals", "gradients", NULL};
+    static const csm_py_rule rules[2] = {{"points", NPY_DOUBLE, 2}, {"normals", NPY_DOUBLE, 2}};
     PyObject *camera_object, *objects[2], *gradients_object, *out = NULL;
-    PyArrayObject *arrays[3] = {NULL};
+    PyArrayObject *arrays[2] = {NULL};
     csm_camera camera;
+    double gradients[2][3];
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOO:surface_steps", names, &camera_object,
                                      &objects[0], &objects[1], &gradients_object) ||
-        csm_py_checked_camera(module, camera_object, &camera) < 0) {
+        csm_py_checked_camera(module, camera_object, &camera) < 0 ||
+        csm_py_vector(gradients_object, "gradients", 6, gradients[0]) < 0) {
         return NULL;
     }
-    static const csm_py_rule rules[2] = {{"points", NPY_DOUBLE, 2}, {"normals", NPY_DOUBLE, 2}};
     npy_intp shape[2] = {-1, 3};
     const void *data[2];
     if (csm_py_take(objects, rules, 2, shape, arrays, data) == 0) {
-        const npy_intp of_each[3] = {shape[0], 2, 3};
-        const bool each = PyArray_Check(gradients_object) &&
-                          PyArray_NDIM((PyArrayObject *)gradients_object) == 3;
-        arrays[2] = csm_py_shaped(gradients_object, "gradients", NPY_DOUBLE, each ? 3 : 2,
-                                  each ? of_each : of_each + 1);
         const npy_intp out_shape[3] = {shape[0], 2, 2};
-        if (arrays[2] && (out = PyArray_SimpleNew(3, out_shape, NPY_DOUBLE))) {
-            const void *gradients = PyArray_DATA(arrays[2]);
+        out = PyArray_SimpleNew(3, out_shape, NPY_DOUBLE);
+        if (out) {
             void *steps = PyArray_DATA((PyArrayObject *)out);
             Py_BEGIN_ALLOW_THREADS
-            csm_surface_steps(&camera, (size_t)shape[0], data[0], data[1], gradients, each, steps);
+            csm_surface_steps(&camera, (size_t)shape[0], data[0], data[1],
+                              (const double(*)[3])gradients, steps);
             Py_END_ALLOW_THREADS
         }
     }
-    csm_py_release_arrays(arrays, 3);
+    csm_py_release_arrays(arrays, 2);
     return out;
 }
 
