@@ -220,7 +220,7 @@ def test_what_does_not_fit_is_refused():
     look = look_at_pixels(frame, SUN, 4)
     with pytest.raises(ValueError, match="cascade_count must be 1 to 8"):
         look_at_pixels(frame, SUN, 9)
-    with pytest.raises(ValueError, match="camera|view_depth"):
+    with pytest.raises(ValueError, match=r"view_depth: expected shape \(4, 5\)"):
         receivers_of(camera_of((5, 4)), frame, look, SUN)
     with pytest.raises(ValueError, match="other"):
         _core.coarse_changed(look.facing, look.lit, look.lit[1:])
