@@ -40,12 +40,20 @@ typedef struct planes {
 static void make_linear(planes *p) {
     const csm_camera *camera = p->picture->camera;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    for (size_t i = 0; i < pixels; i++) {
-        const float depth = p->picture->view_depth[i];
-        p->linear[i] = (double)(p->picture->valid[i] ? depth : 1.0F);
-    }
-    for (size_t i = 0; i < pixels && !camera->orthographic; i++) {
-        p->linear[i] = 1.0 / p->linear[i];
+    const float *depths = p->picture->view_depth;
+    const uint8_t *valid = p->picture->valid;
+    double *restrict linear = p->linear;
+    const bool straight = camera->orthographic;
+    for (size_t at = 0; at < pixels; at += TOGETHER) {
+        const int count = pixels - at < TOGETHER ? (int)(pixels - at) : TOGETHER;
+        float seen[TOGETHER];
+        for (int i = 0; i < count; i++) {
+            const float depth = depths[at + (size_t)i];
+            seen[i] = valid[at + (size_t)i] ? depth : 1.0F;
+        }
+        for (int i = 0; i < count; i++) {
+            linear[at + (size_t)i] = straight ? (double)seen[i] : 1.0 / (double)seen[i];
+        }
     }
 }
 
