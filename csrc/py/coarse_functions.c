@@ -201,7 +201,7 @@ static PyObject *coarse_plane_ends(PyObject *module, PyObject *args, PyObject *k
 }
 
 PyDoc_STRVAR(coarse_end_points_doc,
-             "coarse_end_points(ends)\n--\n\n"
+             "coarse_end_points(ends, /)\n--\n\n"
              "Points (k, 3) that pixels of the full camera's picture see past the ends of planes.");
 
 static PyObject *coarse_end_points(PyObject *module, PyObject *object) {
