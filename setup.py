@@ -15,9 +15,9 @@ from setuptools.command.build_ext import build_ext
 CORE = (
     "status filters effects cutouts scene hull splits splits_resolution splits_histogram frustum"
     " view_range light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
-    " reuse light_window tetrahedra coverage_slices coverage coverage_move surface"
-    " coarse_outline coarse_planes coarse_edges coarse_maps coarse_thin arranged forecast_sums"
-    " caster_boxes storage bias plan shader_source"
+    " reuse light_window tetrahedra coverage_slices coverage coverage_move coarse_outline"
+    " coarse_picture coarse_planes coarse_edges coarse_maps coarse_thin coarse_numbers arranged"
+    " forecast_sums caster_boxes caster_sample storage bias plan shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
@@ -26,8 +26,9 @@ GL = (
 )
 PY = (
     "errors arrays scene_arguments core_functions coverage_functions coarse_functions"
-    " coarse_map_functions arrange_functions forecast_functions forecast_sum_functions"
-    " settings_functions renderer_type module"
+    " coarse_look_functions coarse_map_functions coarse_number_functions caster_functions"
+    " arrange_functions forecast_sum_functions settings_functions"
+    " renderer_type module"
 )
 FOLDERS = {"core": CORE, "gl": GL, "py": PY}
 SOURCES = [f"csrc/{folder}/{name}.c" for folder, names in FOLDERS.items() for name in names.split()]

@@ -266,9 +266,6 @@ def coverage(
     scene_bounds: ArrayLike | None = None,
     receivers: ArrayLike | None = None,
 ) -> list[_Coverage]: ...
-def surface_steps(
-    camera: _Camera, points: ArrayLike, normals: ArrayLike, gradients: ArrayLike
-) -> NDArray[np.float64]: ...
 def coverage_move(
     camera: _Camera,
     near: float,
@@ -279,7 +276,7 @@ def coverage_move(
     size_after: int,
 ) -> _GridMove: ...
 def coarse_outline(
-    pictures: tuple[_CoarsePicture, ...], points: ArrayLike, light_axes: ArrayLike
+    pictures: tuple[_CoarsePicture, ...], ends: Any, light_axes: ArrayLike
 ) -> NDArray[np.float64]: ...
 def coarse_plane_ends(
     camera: _Camera,
@@ -288,7 +285,8 @@ def coarse_plane_ends(
     valid: ArrayLike,
     facing: ArrayLike,
     bounds: ArrayLike,
-) -> tuple[NDArray[np.float64], tuple[int, int, int, int] | None]: ...
+) -> tuple[Any, tuple[int, int, int, int] | None]: ...
+def coarse_end_points(ends: Any, /) -> NDArray[np.float64]: ...
 def coarse_edges(
     camera: _Camera,
     view_depth: ArrayLike,
@@ -297,6 +295,44 @@ def coarse_edges(
     lit: ArrayLike,
     shrink: float,
 ) -> _CoarseEdges: ...
+def coarse_receivers(
+    camera: _Camera,
+    view_depth: ArrayLike,
+    normal: ArrayLike,
+    facing: ArrayLike,
+    lit: ArrayLike,
+    cascade_index: ArrayLike,
+    to_light: ArrayLike,
+    axes: ArrayLike,
+    least_cosine: float,
+) -> dict[str, NDArray[Any]]: ...
+def coarse_facing(
+    valid: ArrayLike, normal: ArrayLike, to_light: ArrayLike, least_cosine: float
+) -> NDArray[np.bool_]: ...
+def coarse_look(
+    valid: ArrayLike,
+    normal: ArrayLike,
+    mask: ArrayLike,
+    cascade_index: ArrayLike,
+    to_light: ArrayLike,
+    least_cosine: float,
+    least_lit: float,
+    cascade_count: int,
+) -> tuple[
+    NDArray[np.bool_], NDArray[np.bool_], NDArray[np.bool_], int, int, int, tuple[int, ...]
+]: ...
+def coarse_changed(judged: ArrayLike, one: ArrayLike, other: ArrayLike) -> int: ...
+def percentiles(values: ArrayLike, at: ArrayLike) -> NDArray[np.float64]: ...
+def depth_histogram(depths: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.int64]]: ...
+def surface_steps(
+    camera: _Camera, points: ArrayLike, normals: ArrayLike, gradients: ArrayLike
+) -> NDArray[np.float64]: ...
+def casters_across(
+    x: ArrayLike, y: ArrayLike, side: ArrayLike
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
+def casters_thinned(
+    casters: Any, uvz_from_world: ArrayLike
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]: ...
 def coarse_thin_share(maps: _CoarseMaps) -> float: ...
 def coarse_layered_share(
     maps: _CoarseMaps, points: ArrayLike, cascade_index: ArrayLike
@@ -350,8 +386,6 @@ def least_part(values: ArrayLike, wide: ArrayLike, weights: ArrayLike, allowed: 
 def casters_load(
     casters: Any, uvz_from_world: ArrayLike
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]: ...
-def casters_first(casters: Any, uvz_from_world: ArrayLike) -> NDArray[np.int32]: ...
-def casters_order(area: ArrayLike, kind: ArrayLike) -> NDArray[np.int64]: ...
 def validate_settings(settings: Any, /) -> None: ...
 def canonical_settings(settings: Any, /) -> dict[str, Any]: ...
 def settings_draw_alike(one: Any, other: Any, /) -> bool: ...

@@ -17,8 +17,6 @@ from .spaces import frozen
 __all__ = ["Casters", "Load", "sample_casters"]
 
 SAMPLED = 10_000  # triangles that are looked at
-KEPT = 300  # of each class of them, see `thinned`
-LARGEST = 75  # of those, that count for none but themselves
 GOLDEN = 0.5 * (np.sqrt(5.0) - 1.0)
 
 
@@ -98,7 +96,7 @@ class Casters:
         """
         area = self.weight * self.area
         total = np.abs(area).sum()
-        return float(np.maximum(area, 0.0).sum() / total) if total else 0.5
+        return float(0.5 + 0.5 * (area.sum() / total)) if total else 0.5
 
     def thinned(self, cascades):
         """Fewer of them, so that each of some windows keeps enough.
@@ -116,26 +114,14 @@ class Casters:
         -------
         casters : Casters
         """
-        kind = _core.casters_first(self, cascades.uvz_from_world)
-        ends = np.cumsum(np.bincount(kind, minlength=cascades.count + 1)).tolist()
-        order = _core.casters_order(self.area, kind)
-        kept, weight = [], []
-        for start, end in zip([0, *ends], ends, strict=False):
-            among = order[start:end]
-            if len(among) <= KEPT:
-                kept.append(np.sort(among))
-                weight.append(np.ones(len(among)))
-                continue
-            rest = among[LARGEST:]
-            step = -(-len(rest) // (KEPT - LARGEST))
-            some = rest[step // 2 :: step]
-            kept += [among[:LARGEST], some]
-            weight += [np.ones(LARGEST), np.full(len(some), len(rest) / len(some))]
-        kept = np.concatenate(kept)
+        kept, weight = _core.casters_thinned(self, cascades.uvz_from_world)
         return Casters(
             self.axes,
-            *(frozen(one[kept]) for one in (self.centre, self.half, self.area, self.cut)),
-            frozen(self.weight[kept] * np.concatenate(weight)),
+            *(
+                frozen(one.take(kept, axis=0))
+                for one in (self.centre, self.half, self.area, self.cut)
+            ),
+            frozen(self.weight.take(kept) * weight),
         )
 
     def load(self, cascades):
@@ -166,29 +152,30 @@ def sample_casters(scene, axes):
     casters : Casters
     """
     some = _sample(scene)
-    x, y = (some.corners @ axis for axis in axes)  # of the three corners (3, t)
-    # the axes and the way to the light are a right-handed basis
-    first, second = ((x[k] - x[0], y[k] - y[0]) for k in (1, 2))
-    area = 0.5 * some.side * (first[0] * second[1] - first[1] * second[0])
-    low, high = (np.stack([end(on, axis=0) for on in (x, y)], axis=1) for end in (np.min, np.max))
-    return Casters(
-        axes,
-        0.5 * (low + high),
-        0.5 * (high - low),
-        area,
-        some.cut,
-        np.full(len(area), some.weight),
-    )
+    x, y = ((some.corners @ axis).reshape(3, -1) for axis in axes)
+    return Casters(axes, *_core.casters_across(x, y, some.side), some.cut, some.weight)
 
 
 @dataclass(frozen=True, eq=False)
 class _Sample:
-    """Triangles of a scene: corners (3, t, 3) [m], -1 where mirrored, with a cut-out, how many."""
+    """Triangles of a scene.
+
+    Attributes
+    ----------
+    corners : (3 t, 3) float64
+        All first, all second, all third ones [m].
+    side : (t,) float64
+        -1 where mirrored, else 1.
+    cut : (t,) bool
+        Whether it has a cut-out.
+    weight : (t,) float64
+        Triangles that it stands for.
+    """
 
     corners: np.ndarray
     side: np.ndarray
     cut: np.ndarray
-    weight: float
+    weight: np.ndarray
 
 
 _samples = weakref.WeakKeyDictionary()  # Scene to its _Sample
@@ -215,7 +202,7 @@ def _take_sample(scene):
     places = (np.arange(count) + GOLDEN * np.arange(count) % 1.0) * (starts[-1] / count)
     wanted = np.minimum(places.astype(int), starts[-1] - 1)
     instance = np.searchsorted(starts, wanted, side="right") - 1
-    corners, cut = np.empty((3, len(wanted), 3)), np.zeros(len(wanted), bool)
+    corners, cut = np.empty((3, count, 3)), np.zeros(count, bool)
     for number in np.unique(scene.instance_mesh[instance]):
         mesh = scene.meshes[number]
         on = np.flatnonzero(scene.instance_mesh[instance] == number)
@@ -226,4 +213,5 @@ def _take_sample(scene):
         ).transpose(1, 0, 2)
         cut[on] = mesh.alpha is not None
     mirrored = np.sign(np.linalg.det(scene.world_from_instance[:, :3, :3]))
-    return _Sample(corners, mirrored[instance], cut, starts[-1] / max(count, 1))
+    weight = np.full(count, starts[-1] / max(count, 1))
+    return _Sample(*map(frozen, (corners.reshape(-1, 3), mirrored[instance], cut, weight)))

@@ -9,7 +9,7 @@ nothing, its few back sides nearly all.
 
 from dataclasses import dataclass
 
-import numpy as np
+from . import _core
 
 __all__ = ["BACK_GAIN", "FACES_SHARE", "Sides", "best_sides", "measure_sides"]
 
@@ -96,7 +96,7 @@ def measure_sides(lit_area, lit, judged, count, again):
     """
 
     def share(one, other):
-        return float(np.count_nonzero(judged & (one != other)) / max(count, 1))
+        return _core.coarse_changed(judged, one, other) / max(count, 1)
 
     if count < LEAST_LOOK:
         return Sides(1.0, lit_area=lit_area)

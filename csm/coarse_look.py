@@ -1,33 +1,129 @@
 """What a coarse frame shows: shadow edges, their occluders, what is thin among the casters."""
 
+from dataclasses import dataclass
+
 import numpy as np
 
 from . import _core
 from .sampling import LIT
+from .tracing import FACING
 
 __all__ = [
+    "Look",
     "blockers_of",
     "edges_of",
+    "facing_of",
     "gaps_of",
     "layered_share_of",
+    "look_at_pixels",
     "outline_of",
-    "positions_of",
+    "receivers_of",
     "thin_share_of",
 ]
 
 
-def positions_of(camera, view_depth, rows, columns):
-    """World points (m, 3) of pixels."""
-    x, y = camera.pixel_plane()
-    x, y = x.take(columns)[:, None], y.take(rows)[:, None]
-    across = x * camera.right + y * camera.up
-    depth = view_depth[rows, columns].astype(np.float64)[:, None]
-    if camera.orthographic:
-        return camera.eye + across - depth * camera.backward
-    return camera.eye + depth * (across - camera.backward)
+@dataclass(frozen=True)
+class Look:
+    """What the pixels of a coarse frame show.
+
+    Attributes
+    ----------
+    facing, judged, lit : (h, w) bool
+        A surface that faces the sun; of these, those with a cascade; the mask is lit.
+    seen_count, facing_count, shadowed_count : int
+        Pixels with a surface; that face the sun; judged ones that are not lit.
+    cascade_counts : tuple of int
+        How many that face the sun each cascade has.
+    """
+
+    facing: np.ndarray
+    judged: np.ndarray
+    lit: np.ndarray
+    seen_count: int
+    facing_count: int
+    shadowed_count: int
+    cascade_counts: tuple[int, ...]
 
 
-def outline_of(pictures, points, light_axes):
+def look_at_pixels(frame, sun, cascade_count):
+    """Go through the pixels of a frame once.
+
+    Parameters
+    ----------
+    frame : Frame
+        With mask, normals and cascades.
+    sun : Sun
+    cascade_count : int
+        Cascades that are counted, from the nearest on.
+
+    Returns
+    -------
+    look : Look
+
+    Raises
+    ------
+    ValueError
+        If the arrays are not of one size, or cascades are more than there can be.
+    """
+    return Look(
+        *_core.coarse_look(
+            frame.valid,
+            frame.normal,
+            frame.mask,
+            frame.cascade_index,
+            sun.to_light,
+            FACING,
+            LIT,
+            cascade_count,
+        )
+    )
+
+
+def facing_of(frame, sun):
+    """Pixels (h, w) whose surface the sun sees."""
+    return _core.coarse_facing(frame.valid, frame.normal, sun.to_light, FACING)
+
+
+def receivers_of(camera, frame, look, sun):
+    """Some of the surfaces that face the sun.
+
+    Parameters
+    ----------
+    camera : Camera
+        Of the coarse picture.
+    frame : Frame
+    look : Look
+        What its pixels show.
+    sun : Sun
+
+    Returns
+    -------
+    receivers : dict
+        Of at most 2000 pixels, every so manieth of those that face the sun: ``point`` (m, 3),
+        ``depth`` (m,) [m], ``slope``, the tangent of the normal's angle to the sun, ``gradient``,
+        ``|gx| + |gy|`` of its depth in light space [m/m], ``cascade`` uint8, and whether it is
+        ``dark``.
+
+    Raises
+    ------
+    ValueError
+        If an array is not of the camera's size.
+    """
+    axes = frame.cascades.light_from_world[0][:2, :3]
+    return _core.coarse_receivers(
+        camera,
+        frame.view_depth,
+        frame.normal,
+        look.facing,
+        look.lit,
+        frame.cascade_index,
+        sun.to_light,
+        axes,
+        FACING,
+    )
+
+
+def outline_of(pictures, ends, light_axes):
     """Outermost of points across the light, of every slice of depth: windows reach to them.
 
     Parameters
@@ -35,8 +131,9 @@ def outline_of(pictures, points, light_axes):
     pictures : sequence of (Camera, (h, w) float32, (h, w) bool)
         1 to 4: camera, view depths [m] and which pixels count, with their points of the world. All
         look from where the first does, the same way.
-    points : (m, 3) float64
-        More of the world.
+    ends : object or None
+        Ends of planes of the first picture, as of `csm.horizons.ends_of`: what the full picture
+        sees past them counts too.
     light_axes : (2, 3) float64
         Across the light.
 
@@ -49,9 +146,11 @@ def outline_of(pictures, points, light_axes):
     Raises
     ------
     ValueError
-        If a picture is not of its camera's size, or points are none.
+        If a picture is not of its camera's size, or there is none.
+    TypeError
+        If ends are something else.
     """
-    return _core.coarse_outline(tuple(pictures), points, light_axes)
+    return _core.coarse_outline(tuple(pictures), ends, light_axes)
 
 
 def edges_of(camera, frame, judged, lit, shrink):
@@ -82,13 +181,14 @@ def edges_of(camera, frame, judged, lit, shrink):
     return _core.coarse_edges(camera, frame.view_depth, frame.normal, judged, lit, shrink)
 
 
-def gaps_of(frame, points, rows, columns):
-    """Distance [m] from dark pixels to what the coarse map holds before them; inf for lit ones.
+def gaps_of(frame, receivers):
+    """Distance [m] from dark receivers to what the coarse map holds before them; inf for lit ones.
 
     Also where it holds nothing before them: dark by the plane at the texel's centre alone.
     """
-    dark = frame.mask[rows, columns] < LIT
-    return _core.coarse_gaps(_maps(frame), points, frame.cascade_index[rows, columns], dark)
+    return _core.coarse_gaps(
+        _maps(frame), receivers["point"], receivers["cascade"], receivers["dark"]
+    )
 
 
 def blockers_of(frame, edges):
@@ -98,11 +198,12 @@ def blockers_of(frame, edges):
     plane there is taken off, and what lies within half a texel and a quarter of its slope counts as
     the surface itself.
     """
-    index = frame.cascade_index[edges["rows"], edges["columns"]]
+    index = frame.cascade_index
+    index = index.ravel().take(edges["rows"] * index.shape[1] + edges["columns"])
     return _core.coarse_blockers(_maps(frame), edges["point"], edges["normal"], index)
 
 
-def layered_share_of(frame, points, rows, columns):
+def layered_share_of(frame, receivers):
     """Share of receivers in full shadow that a variance map would light by more than a tenth.
 
     In full shadow are those before which all 5 x 5 texels of the coarse map hold an occluder.
@@ -114,18 +215,16 @@ def layered_share_of(frame, points, rows, columns):
     Parameters
     ----------
     frame : Frame
-        With its maps and the picture's cascades.
-    points : (m, 3) float64
-        Receivers, in the world.
-    rows, columns : (m,) int
-        Their pixels.
+        With its maps.
+    receivers : dict
+        As of `receivers_of`.
 
     Returns
     -------
     share : float
         0 where nothing is in full shadow.
     """
-    return _core.coarse_layered_share(_maps(frame), points, frame.cascade_index[rows, columns])
+    return _core.coarse_layered_share(_maps(frame), receivers["point"], receivers["cascade"])
 
 
 def thin_share_of(frame):

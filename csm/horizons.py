@@ -2,11 +2,11 @@
 
 from . import _core
 
-__all__ = ["ends_of"]
+__all__ = ["ends_of", "points_of"]
 
 
 def ends_of(camera, small, frame, facing, bounds):
-    """Points of the full picture past the last coarse pixels of planes, along rows and columns.
+    """Where planes go on past their last coarse pixels, along rows and columns.
 
     A plane's inverse depth is linear in the picture, so three pixels in a line say whether it is
     one and where it goes on. Between the last of them and the centre of the next coarse pixel,
@@ -24,12 +24,12 @@ def ends_of(camera, small, frame, facing, bounds):
     facing : (h, w) bool
         Its pixels that face the sun.
     bounds : (2, 3) float64
-        Least and greatest corner of the scene's box.
+        Least and greatest corner of the scene's box, which holds all that is seen.
 
     Returns
     -------
-    points : (k, 3) float64
-        In the world.
+    ends : object
+        For `csm.coarse_look.outline_of`; `points_of` says what they are.
     part : Camera or None
         Of the full picture in which planes reach their horizon against the sky: its pixels round
         the last coarse pixels of such planes and the next ones. None without a horizon, under an
@@ -40,10 +40,21 @@ def ends_of(camera, small, frame, facing, bounds):
     ValueError
         If an array is not of the coarse camera's size.
     """
-    points, box = _core.coarse_plane_ends(
+    ends, box = _core.coarse_plane_ends(
         camera, small, frame.view_depth, frame.valid, facing, bounds
     )
-    return points, None if box is None else _part_of(camera, small, box)
+    return ends, None if box is None else _part_of(camera, small, box)
+
+
+def points_of(ends):
+    """World points (k, 3) that pixels of the full picture see past ends of planes.
+
+    Raises
+    ------
+    TypeError
+        If they are not of `ends_of`.
+    """
+    return _core.coarse_end_points(ends)
 
 
 def _part_of(camera, small, box):

@@ -18,24 +18,24 @@ from .caster_sides import FACES_SHARE, Sides, measure_sides
 from .coarse_look import (
     blockers_of,
     edges_of,
+    facing_of,
     gaps_of,
     layered_share_of,
+    look_at_pixels,
     outline_of,
-    positions_of,
+    receivers_of,
     thin_share_of,
 )
 from .horizons import ends_of
-from .sampling import LIT, NO_CASCADE
+from .sampling import LIT
 from .settings import ShadowSettings
 from .spaces import frozen, light_gradients
-from .tracing import FACING
 
 __all__ = ["Signals", "View", "measure_signals"]
 
 COARSE = 4  # pixels of the picture along a pixel of the coarse one
 LEAST_SIZE = 160  # of a coarse picture, along its shorter side: smaller ones lose what is thin
-RECEIVERS = 2000  # that windows are fitted to in forecasts
-DEPTH_BINS = 24
+NEAREST = 1e-9  # [m] of view depths, for their ratios
 
 #: The coarse maps: four, so that casters and receivers of each are counted.
 PROBE = ShadowSettings(map_size=512, fit="visible", snap="none", cull="exclusive")
@@ -144,7 +144,7 @@ class View:
 
         Pixels of the full picture.
         """
-        steps = _core.surface_steps(self.camera, self.edges, self.edge_normals, self.axes[None])
+        steps = _core.surface_steps(self.camera, self.edges, self.edge_normals, self.axes)
         return np.einsum("ea,eak->ek", self.edge_across, steps)
 
     def penumbra_widths(self):
@@ -317,11 +317,20 @@ def measure_signals(renderer, scene, cameras, suns):
 
 def coarse_camera(camera):
     """Camera of the coarse picture, and how many pixels of the full one are one of its."""
-    shrink = max(1.0, min(COARSE, min(camera.size) / LEAST_SIZE))
-    size = tuple(max(1, round(side / shrink)) for side in camera.size)
+    shrink = _shrink_of(camera)
+    size = _coarse_size(camera)
     return camera.replace(
         size=size, half_width=camera.half_width, half_height=camera.half_height
     ), shrink
+
+
+def _shrink_of(camera):
+    return max(1.0, min(COARSE, min(camera.size) / LEAST_SIZE))
+
+
+def _coarse_size(camera):
+    shrink = _shrink_of(camera)
+    return tuple(max(1, round(side / shrink)) for side in camera.size)
 
 
 def _look(renderer, scene, camera, sun, spent):
@@ -330,10 +339,7 @@ def _look(renderer, scene, camera, sun, spent):
     # only even splits can begin at or behind an orthographic camera
     probe = PROBE if camera.near > 0.0 else PROBE.replace(split="uniform")
     frame = renderer.render(scene, small, sun, probe, outputs=PROBE_OUTPUTS)
-    facing = _facing(frame, sun)
-    judged = facing & (frame.cascade_index != NO_CASCADE)
-    lit = frame.mask >= LIT
-    count = int(np.count_nonzero(facing))
+    look = look_at_pixels(frame, sun, PROBE.cascade_count)
 
     def spend(timed):
         for name, ms in timed.timings_ms.items():
@@ -348,71 +354,83 @@ def _look(renderer, scene, camera, sun, spent):
         spend(other)
         return other.mask >= LIT
 
-    # where nothing is in shadow no picture says which sides of casters are needed
-    plain = not (judged & ~lit).any()
     axes = light_gradients(sun)
     casters = sample_casters(scene, axes)
+    lit_area = casters.lit_area
+    # where nothing is in shadow no picture says which sides of casters are needed
     sides = (
-        Sides(1.0, lit_area=casters.lit_area)
-        if plain
-        else measure_sides(casters.lit_area, lit, judged, count, again)
+        measure_sides(lit_area, look.lit, look.judged, look.facing_count, again)
+        if look.shadowed_count
+        else Sides(1.0, lit_area=lit_area)
     )
-    casters = casters.thinned(frame.cascades)
 
-    ends, part = ends_of(camera, small, frame, facing, scene.bounds)
-    pictures = [(small, frame.view_depth, facing)]
+    ends, part = ends_of(camera, small, frame, look.facing, scene.bounds)
+    pictures = [(small, frame.view_depth, look.facing)]
     if part is not None:
         fine = renderer.render(scene, part, sun, HORIZON, outputs=HORIZON_OUTPUTS)
         spend(fine)
-        pictures.append((part, fine.view_depth, _facing(fine, sun)))
+        pictures.append((part, fine.view_depth, facing_of(fine, sun)))
     outline = outline_of(pictures, ends, axes)
-    outline = outline.take(np.argsort(outline @ -camera.backward, kind="stable"), axis=0)
-    stride = max(1, -(-count // RECEIVERS))
-    places = np.flatnonzero(facing)[::stride]
-    places = places.take(np.argsort(frame.view_depth.ravel().take(places), kind="stable"))
-    rows, columns = np.divmod(places, facing.shape[1])
-    receivers = positions_of(small, frame.view_depth, rows, columns)
-    normals = frame.normal.reshape(-1, 3).take(places, axis=0).astype(np.float64)
-    cosine = np.clip(normals @ sun.to_light, FACING, 1.0)
-    in_light = np.abs(normals @ frame.cascades.light_from_world[0][:2, :3].T)
-    edges = edges_of(small, frame, judged, lit, shrink)
-    order = np.argsort(frame.view_depth[edges["rows"], edges["columns"]], kind="stable")
-    edges = {name: values.take(order, axis=0) for name, values in edges.items()}
-    index = frame.cascade_index[facing]
+    outline = _ordered({"point": outline}, outline @ -camera.backward)["point"]
     return View(
         camera=camera,
         sun=sun,
-        pixel_count=facing.size,
-        seen_count=int(np.count_nonzero(frame.valid)),
-        facing_count=count,
-        shadowed_count=int(np.count_nonzero(judged & ~lit)),
-        receivers=frozen(receivers),
         outline=frozen(outline),
-        receiver_depths=frozen(frame.view_depth.ravel().take(places).astype(np.float64)),
-        slopes=frozen(np.sqrt(1.0 / cosine**2 - 1.0)),
-        gradients=frozen((in_light[:, 0] + in_light[:, 1]) / cosine),
-        gaps=frozen(gaps_of(frame, receivers, rows, columns)),
+        axes=frozen(axes),
+        **_receivers(small, frame, look, sun),
+        **_edges(small, frame, look, shrink),
+        **_casters(casters, frame, look),
+    ), sides
+
+
+def _ordered(arrays, depths):
+    """Arrays of points in the order of depth."""
+    order = np.argsort(depths, kind="stable")
+    return {name: values.take(order, axis=0) for name, values in arrays.items()}
+
+
+def _receivers(small, frame, look, sun):
+    """What the first frame says of surfaces that face the sun: fields of `View`."""
+    receivers = receivers_of(small, frame, look, sun)
+    receivers = _ordered(receivers, receivers["depth"])
+    return dict(
+        pixel_count=look.facing.size,
+        seen_count=look.seen_count,
+        facing_count=look.facing_count,
+        shadowed_count=look.shadowed_count,
+        receivers=frozen(receivers["point"]),
+        receiver_depths=frozen(receivers["depth"]),
+        slopes=frozen(receivers["slope"]),
+        gradients=frozen(receivers["gradient"]),
+        gaps=frozen(gaps_of(frame, receivers)),
+        layered_share=layered_share_of(frame, receivers),
+    )
+
+
+def _edges(small, frame, look, shrink):
+    """What it says of shadow edges."""
+    edges = edges_of(small, frame, look.judged, look.lit, shrink)
+    edges = _ordered(edges, frame.view_depth[edges["rows"], edges["columns"]])
+    return dict(
         edges=frozen(edges["point"]),
         edge_normals=frozen(edges["normal"]),
         edge_across=frozen(edges["across"]),
         edge_lengths=frozen(edges["length"]),
         blocker_distances=frozen(blockers_of(frame, edges)),
+    )
+
+
+def _casters(casters, frame, look):
+    """What it says of casters, of which some are kept."""
+    kept = casters.thinned(frame.cascades)
+    return dict(
         thin_share=thin_share_of(frame),
-        layered_share=layered_share_of(frame, receivers, rows, columns),
         triangles=tuple(int(n) for n in frame.info["triangles_drawn"]),
-        casters=casters,
-        layers=tuple(casters.load(frame.cascades).layers.sum(axis=(1, 2)).tolist()),
+        casters=kept,
+        layers=tuple(kept.load(frame.cascades).layers.sum(axis=(1, 2)).tolist()),
         needless_chunks=int(sum(frame.info["chunks_culled_exclusive"])),
-        cascade_shares=tuple(
-            float(np.count_nonzero(index == i) / max(count, 1)) for i in range(PROBE.cascade_count)
-        ),
-        axes=frozen(axes),
-    ), sides
-
-
-def _facing(frame, sun):
-    """Pixels whose surface the sun sees."""
-    return frame.valid & (frame.normal @ sun.to_light.astype(np.float32) > FACING)
+        cascade_shares=tuple(n / max(look.facing_count, 1) for n in look.cascade_counts),
+    )
 
 
 def _summary(scene, views, cameras, suns, sides, spent):
@@ -420,23 +438,20 @@ def _summary(scene, views, cameras, suns, sides, spent):
     first = views[0]
 
     def pooled(name):
-        return np.concatenate([getattr(view, name) for view in views])
+        return _joined([getattr(view, name) for view in views])
 
     def worst(name):
         return max(getattr(view, name) for view in views)
 
     facing = sum(view.facing_count for view in views)
     seen = sum(view.seen_count for view in views)
-    depths = np.maximum(pooled("receiver_depths"), 1e-9)
-    low, high = (depths.min(), depths.max()) if len(depths) else (1.0, 1.0)
-    bins = np.geomspace(low, max(high, low * (1.0 + 1e-9)), DEPTH_BINS + 1)
-    counts = np.histogram(np.clip(depths, bins[0], bins[-1]), bins)[0] / max(len(depths), 1)
-    near, far = _percentiles(depths, (1, 99)) if len(depths) else (1.0, 1.0)
-    penumbra = np.concatenate([view.penumbra_widths() for view in views])
+    depths = np.maximum(pooled("receiver_depths"), NEAREST)
+    bins, counts = _core.depth_histogram(depths)
+    near, far = _core.percentiles(depths, (1, 99)) if len(depths) else (1.0, 1.0)
+    penumbra = [view.penumbra_widths() for view in views]
     fitted = [fit_cascades(view.camera, view.sun, WHOLE, scene=scene) for view in views]
-    factor = float(
-        np.prod([a / b for a, b in zip(first.camera.size, _coarse_size(first), strict=True)])
-    )
+    (width, height), (coarse_width, coarse_height) = first.camera.size, _coarse_size(first.camera)
+    factor = width / coarse_width * (height / coarse_height)
     length = sum(float(view.edge_lengths.sum()) for view in views)
     return Signals(
         views=views,
@@ -444,28 +459,28 @@ def _summary(scene, views, cameras, suns, sides, spent):
         facing_share=facing / max(seen, 1),
         shadowed_share=sum(view.shadowed_count for view in views) / max(facing, 1),
         depth_edges=frozen(bins),
-        depth_shares=frozen(counts),
+        depth_shares=frozen(counts / max(len(depths), 1)),
         depth_ratio=float(far / near),
         cascade_shares=first.cascade_shares,
         casters=first.triangles,
         layers=first.layers,
         needless_chunks=worst("needless_chunks"),
-        slope_percentiles=frozen(_percentiles(pooled("slopes"), (50, 90, 99))),
-        bias_slope=float(_percentiles(pooled("gradients"), (50,))[0]),
+        slope_percentiles=frozen(_core.percentiles(pooled("slopes"), (50, 90, 99))),
+        bias_slope=float(_core.percentiles(pooled("gradients"), (50,))[0]),
         edge_share=length / max(facing * factor, 1.0),
-        penumbra_pixels=frozen(_percentiles(penumbra, (50, 90, 99))),
+        penumbra_pixels=frozen(_core.percentiles(_joined(penumbra), (50, 90, 99))),
         penumbra_metres=max(
-            float(_percentiles(view.penumbra_metres(), (90,))[0]) for view in views
+            float(_core.percentiles(view.penumbra_metres(), (90,))[0]) for view in views
         ),
         thin_share=worst("thin_share"),
         layered_share=worst("layered_share"),
         light_view_angle_deg=math.degrees(
-            math.acos(np.clip(-first.camera.backward @ first.sun.to_light, -1.0, 1.0))
+            math.acos(_cosine(float(-first.camera.backward @ first.sun.to_light)))
         ),
         sun_elevation_deg=min(
-            math.degrees(math.asin(np.clip(sun.to_light[1], -1.0, 1.0))) for sun in suns
+            math.degrees(math.asin(_cosine(float(sun.to_light[1])))) for sun in suns
         ),
-        depth_span=max(float(np.diff(cascades.depth_range[0])[0]) for cascades in fitted),
+        depth_span=max(float(one.depth_range[0, 1] - one.depth_range[0, 0]) for one in fitted),
         origin_distance=float(np.linalg.norm(first.camera.eye - scene.origin)),
         orthographic=first.camera.orthographic,
         camera_moves=len(cameras) > 1 and any(one != cameras[0] for one in cameras[1:]),
@@ -481,18 +496,10 @@ def _summary(scene, views, cameras, suns, sides, spent):
     )
 
 
-def _coarse_size(view):
-    return coarse_camera(view.camera)[0].size
+def _joined(arrays):
+    return arrays[0] if len(arrays) == 1 else np.concatenate(arrays)
 
 
-def _percentiles(values, at):
-    """What ``np.percentile`` gives, which takes several times as long to begin; 0 of none."""
-    if not len(values):
-        return np.zeros(len(at))
-    place = np.array(at) / 100.0 * (len(values) - 1)
-    below = place.astype(int)
-    above = np.minimum(below + 1, len(values) - 1)
-    ordered = np.partition(values, np.concatenate([below, above]))
-    low, high, part = ordered[below], ordered[above], place - below
-    # from the nearer of both, as there
-    return np.where(part < 0.5, low + (high - low) * part, high - (high - low) * (1.0 - part))
+def _cosine(value):
+    """What rounding has led out of [-1, 1], at its end."""
+    return max(-1.0, min(value, 1.0))

@@ -1108,18 +1108,6 @@ csm_status csm_coverage_move(const csm_camera *camera, double near_depth, double
                              const double before[16], int size_before, const double after[16],
                              int size_after, csm_grid_move *out, csm_error *err);
 
-/* Points of surfaces, x 3 each in the world, and the gradients of two coordinates of light space
- * there (x 2 x 3, per metre): of each, or of all of them. */
-typedef struct csm_surface_points {
-    const double *points, *normals, *gradients;
-    size_t count;
-    bool shared; /* gradients are those of all */
-} csm_surface_points;
-
-/* How a step of one along either coordinate, the other staying, moves a point of the surface in the
- * picture: [point][right or down][coordinate] in pixels. */
-void csm_surface_steps(const csm_camera *camera, const csm_surface_points *points, double *out);
-
 /* ------------------------------------------------------------------------------------------------
  * 12. Coarse pictures: what a small frame and its maps show, for recommendations
  */
@@ -1128,24 +1116,71 @@ void csm_surface_steps(const csm_camera *camera, const csm_surface_points *point
 typedef struct csm_coarse_picture {
     const csm_camera *camera;
     const float *view_depth;  /* [m] */
-    const float (*normal)[3]; /* world; csm_coarse_edges alone reads them */
+    const float (*normal)[3]; /* world; csm_coarse_edges and _receivers alone read them */
     const uint8_t *valid;     /* whether a surface is seen; csm_coarse_plane_ends alone reads it */
     const uint8_t *facing;    /* ... that faces the sun */
     const uint8_t *judged;    /* ... and has a cascade; csm_coarse_edges alone reads both */
     const uint8_t *lit;
+    const uint8_t *cascade; /* 255: none; csm_coarse_receivers alone reads it */
 } csm_coarse_picture;
+
+/* Arrays of a frame, one element per pixel. */
+typedef struct csm_coarse_shown {
+    size_t pixels;
+    const uint8_t *valid;
+    const float (*normal)[3]; /* world */
+    const float *mask;
+    const uint8_t *cascade;
+    int cascade_count;
+    double to_light[3];
+    double least_cosine; /* of what faces the sun */
+    double least_lit;    /* of a mask that counts as lit */
+} csm_coarse_shown;
+
+/* What they show: bytes of every pixel as in csm_coarse_picture, of the caller's, and how many. */
+typedef struct csm_coarse_read {
+    uint8_t *facing;
+    uint8_t *judged, *lit; /* NULL: neither, nor what follows from them; mask and cascade unread */
+    size_t seen_count, facing_count, shadowed_count;
+    size_t of_cascade[CSM_MAX_CASCADES]; /* facing the sun */
+} csm_coarse_read;
+
+void csm_coarse_look(const csm_coarse_shown *shown, csm_coarse_read *out);
+
+/* Judged pixels that are lit in one of two pictures alone. */
+size_t csm_coarse_changed(size_t pixels, const uint8_t *judged, const uint8_t *one,
+                          const uint8_t *other);
+
+#define CSM_COARSE_RECEIVERS 2000
+
+/* Pixels of a picture that face the sun, and how many of so many are taken as receivers: each of
+ * them, or every second, third, ... */
+size_t csm_coarse_facing_count(const csm_coarse_picture *picture);
+size_t csm_coarse_receiver_count(size_t facing);
+
+/* What receivers are seen by: the way to the light, two axes across it, and the least cosine that
+ * counts. */
+typedef struct csm_coarse_light {
+    double to_light[3], axes[2][3], least_cosine;
+} csm_coarse_light;
+
+/* Arrays of the caller's, one element per receiver. */
+typedef struct csm_coarse_receiver_arrays {
+    double (*point)[3]; /* world */
+    double *depth;      /* [m] */
+    double *slope;      /* tangent of its normal's angle to the light */
+    double *gradient;   /* sum of how much deeper it gets along either axis [m/m] */
+    uint8_t *cascade;
+    uint8_t *dark;
+} csm_coarse_receiver_arrays;
+
+/* Them, of so many pixels that face the sun. */
+void csm_coarse_receivers(const csm_coarse_picture *picture, size_t facing,
+                          const csm_coarse_light *light, const csm_coarse_receiver_arrays *out);
 
 #define CSM_OUTLINE_SLICES 12
 #define CSM_OUTLINE_DIRECTIONS 16
 #define CSM_OUTLINE_MAX (CSM_OUTLINE_SLICES * CSM_OUTLINE_DIRECTIONS)
-
-/* What windows must reach to: of each of 12 slices of view depth, in equal ratios, the outermost
- * points in 16 directions across the light. Points are those of the pictures' facing pixels and
- * more of the world; all cameras share eye and direction with the first. In the order in which
- * they were met, each once; returns their number. */
-size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
-                          const double (*points)[3], size_t point_count,
-                          const double light_axes[2][3], double out[CSM_OUTLINE_MAX][3]);
 
 #define CSM_COARSE_EDGES 3000
 
@@ -1168,21 +1203,44 @@ size_t csm_coarse_edge_count(size_t pairs);
 csm_status csm_coarse_edges(const csm_coarse_picture *picture, double shrink, size_t pairs,
                             const csm_coarse_edge_arrays *out, csm_error *err);
 
+/* A plane that goes on past its last coarse pixel along a row or column, before the next one. */
+typedef struct csm_plane_end {
+    double point[3], depth; /* of the last pixel of the full picture that sees it */
+    double last, step;   /* what is linear in the picture: at the coarse pixel, and to the next */
+    int place, crossing; /* of the coarse pixel: along the way, and across it */
+    int first, reach;    /* pixels of the full picture that see it, counted from the coarse one */
+} csm_plane_end;
+
+#define CSM_PLANE_WAYS 4 /* down, up, right, left */
+
 /* Where planes end between the pixels of a coarse picture. */
 typedef struct csm_plane_ends {
-    double (*points)[3]; /* world; malloc */
-    size_t count;
+    csm_camera full, small;
+    csm_plane_end *ends; /* way by way; malloc */
+    size_t starts[CSM_PLANE_WAYS + 1];
     bool horizon;       /* whether any plane reaches its horizon against the sky */
     int horizon_box[4]; /* coarse pixels there: first row and column, and those after the last */
 } csm_plane_ends;
 
-/* Points of the full camera's picture past the last coarse pixels of planes, within the bounds
- * {min, max}. A plane's inverse depth is linear in the picture (an orthographic camera's depth), so
- * three pixels in a line say whether it is one and where it goes on. An orthographic camera has no
+/* They go on as far as the bounds {min, max}, in which what is seen lies, and before what is seen
+ * next. A plane's inverse depth is linear in the picture (an orthographic camera's depth), so three
+ * pixels in a line say whether it is one and where it goes on. An orthographic camera has no
  * horizon. Free the result with csm_plane_ends_free. */
 csm_status csm_coarse_plane_ends(const csm_camera *full, const csm_coarse_picture *picture,
                                  const double bounds[6], csm_plane_ends *out, csm_error *err);
 void csm_plane_ends_free(csm_plane_ends *ends);
+
+/* Points of the world that all pixels of the full picture see there; their number, out may be
+ * NULL. */
+size_t csm_plane_end_points(const csm_plane_ends *ends, double (*out)[3]);
+
+/* What windows must reach to: of each of 12 slices of view depth, in equal ratios, the outermost
+ * points in 16 directions across the light. Points are those of the pictures' facing pixels and
+ * those past the ends of planes of the first one (or NULL: of none); all cameras share eye and
+ * direction. In the order in which they were met, each once; returns their number. */
+size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
+                          const csm_plane_ends *ends, const double light_axes[2][3],
+                          double out[CSM_OUTLINE_MAX][3]);
 
 /* The maps of a coarse frame: square, row 0 at the bottom, depths 0 to 1, 1 where nothing is. */
 typedef struct csm_coarse_maps {
@@ -1219,6 +1277,25 @@ void csm_coarse_blockers(const csm_coarse_maps *maps, const csm_coarse_points *p
 /* Share of the points with an occluder in each of 5 x 5 texels, whose depths' mean and variance
  * would let through more than a tenth of the light [Lauritzen2007]; 0 of none. */
 double csm_coarse_layered_share(const csm_coarse_maps *maps, const csm_coarse_points *points);
+
+/* Percentiles 0 to 100 of values, linear between the nearest two; NAN counts as greatest. 0 of
+ * none. */
+csm_status csm_percentiles(size_t count, const double *values, size_t at_count, const double *at,
+                           double *out, csm_error *err);
+
+#define CSM_COARSE_BINS 24
+
+/* How many positive depths [m] lie in each of 24 intervals from the nearest to the farthest, in
+ * equal ratios; each begins at its edge. Of none the edges are 1. */
+void csm_depth_histogram(size_t count, const double *depths, double edges[CSM_COARSE_BINS + 1],
+                         int64_t counts[CSM_COARSE_BINS]);
+
+/* How a step of one along either of two coordinates, the other staying, moves points of a surface
+ * in the picture: [right or down][coordinate], in pixels. gradients: of the coordinates, per metre.
+ * csm/sampling.py has its own, for what judges. */
+void csm_surface_steps(const csm_camera *camera, size_t count, const double (*points)[3],
+                       const double (*normals)[3], const double gradients[2][3],
+                       double (*out)[2][2]);
 
 /* ------------------------------------------------------------------------------------------------
  * 13. Forecasts: what windows make of a coarse view (docs/recommendation.md)
@@ -1320,9 +1397,31 @@ void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_
 void csm_casters_first(const csm_casters *casters, int count, const double (*uvz_from_world)[16],
                        int *out);
 
-/* Their numbers, kind by kind (0 to kinds - 1 <= CSM_MAX_CASCADES), of each the largest areas
- * first, equal ones in order. */
-csm_status csm_casters_order(size_t count, const double *area, const int *kind, int kinds,
-                             int64_t *out, csm_error *err);
+/* Triangles, as they lie across the light. */
+typedef struct csm_sample {
+    size_t count;
+    const double *along[2]; /* 3 x count each: their first corners, their second, their third [m] */
+    const double *side;     /* -1 where mirrored, else 1 */
+} csm_sample;
+
+/* Boxes and areas as of csm_casters. The axes and the way to the light are a right-handed basis. */
+void csm_casters_across(const csm_sample *sample, double (*centre)[2], double (*half)[2],
+                        double *area);
+
+#define CSM_KEPT_MOST 300   /* of each class of casters */
+#define CSM_KEPT_LARGEST 75 /* of those, that count for none but themselves */
+
+/* Casters that are kept; room for CSM_KEPT_MOST of every map and as many more. */
+typedef struct csm_kept {
+    size_t count;
+    int64_t *number;
+    double *weight; /* how many of its class each of them stands for */
+} csm_kept;
+
+/* Fewer of them, so that each of some maps keeps enough. Classed by the first map that they meet;
+ * of each class the largest, and of the others, sorted by area, every so manieth. All of a class of
+ * few, in order. No weight is read. */
+csm_status csm_casters_thinned(const csm_casters *casters, int count,
+                               const double (*uvz_from_world)[16], csm_kept *out, csm_error *err);
 
 #endif

@@ -14,7 +14,7 @@ from csm.coarse_look import (
     outline_of,
     thin_share_of,
 )
-from csm.horizons import ends_of
+from csm.horizons import ends_of, points_of
 from csm.sampling import edge_slopes
 
 SIZES = [(9, 7), (1, 8), (8, 1), (1, 1), (2, 3)]  # width, height
@@ -144,45 +144,56 @@ def test_outline_by_hand(size, orthographic):
         (camera, rng.uniform(1, 90, size[::-1]).astype(np.float32), rng.random(size[::-1]) < share)
         for share in (0.8, 0.3)
     ]
-    x, y = rng.normal(size=(2, 20))
-    points = np.array([point_of(camera, *at) for at in zip(x, y, rng.uniform(2, 95, 20))])  # noqa: B905
-    for more in (points, points[:1]):
-        kept = outline_of(pictures, more, axes)
-        expected = by_row(outline_by_hand(pictures, more, axes))
-        assert by_row(kept) == pytest.approx(expected, rel=1e-12)
+    if any(facing.any() for *_, facing in pictures):
+        expected = by_row(outline_by_hand(pictures, [], axes))
+        assert by_row(outline_of(pictures, None, axes)) == pytest.approx(expected, rel=1e-12)
     dark = [(camera, pictures[0][1], np.zeros(size[::-1], bool))]
-    assert outline_of(dark, points[:0], axes).shape == (0, 3)
+    assert outline_of(dark, None, axes).shape == (0, 3)
 
 
 @pytest.mark.parametrize("away", [0.0, 1e4, 1e7])
 @pytest.mark.parametrize("orthographic", [False, True])
 def test_outline_of_a_plane_by_hand(orthographic, away):
     """Most blocks of its pixels lie within what others reach to; blocks are cut off at the border,
-    and points go on from pixels."""
+    and planes go on past their last pixels."""
     size = width, height = 139, 75
     camera = camera_of(size, orthographic)
     camera = camera.replace(eye=camera.eye + away * np.array([1.0, 0.3, -0.7]))
+    full = finer(camera, 4)
     axes = np.linalg.qr(np.random.default_rng(5).normal(size=(3, 3)))[0][:2]
     below = np.arange(1, height + 1)[:, None] + 0.1 * np.arange(width)
     depths = (70.0 / below if not orthographic else 90.0 - below).astype(np.float32)
     depths[20:24, 30:60] *= 0.5  # something stands before it
     facing = below > 3.0
-    points = [pixel_point(camera, depths, 60, column) for column in range(width)]
-    points.append(points[70] + 0.01 * (points[70] - camera.eye))
-    kept = outline_of([(camera, depths, facing)], np.array(points), axes)
-    expected = by_row(outline_by_hand([(camera, depths, facing)], np.array(points), axes))
+    frame = SimpleNamespace(view_depth=depths, valid=np.ones(facing.shape, bool))
+    ends, _ = ends_of(full, camera, frame, facing, camera.eye + EVERYWHERE)
+    points = points_of(ends)
+    assert len(points) > 500
+    pictures = [(camera, depths, facing)]
+    kept = outline_of(pictures, ends, axes)
+    expected = by_row(outline_by_hand(pictures, points, axes))
     assert by_row(kept) == pytest.approx(expected, rel=1e-12)
+    past = {tuple(point) for point in points}
+    assert any(tuple(point) in past for point in kept)
 
 
-def test_a_point_that_is_none_hides_no_other():
-    camera = camera_of((8, 6))
-    near, far = (np.array(point_of(camera, x, 0.0, 10.0)) for x in (0.1, 0.7))
-    dark = [(camera, np.ones((6, 8), np.float32), np.zeros((6, 8), bool))]
-    points = np.array([far, np.full(3, np.nan), near])
-    assert outline_of(dark, points, np.array([camera.right, camera.up])).tolist() == [
-        far.tolist(),
-        near.tolist(),
-    ]
+@pytest.mark.parametrize("orthographic", [False, True])
+def test_outline_past_ends_by_hand(orthographic):
+    """Of planes in pieces, which come and go behind each other: where slices of depth lie between
+    a pixel and what is seen past it, each point between counts."""
+    rng = np.random.default_rng(9)
+    camera = camera_of((16, 12), orthographic)
+    axes, won = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2], 0
+    for _ in range(12):
+        frame, facing = pieces_of_planes(rng, (16, 12), orthographic, horizon=True)
+        ends, _ = ends_of(finer(camera, 4), camera, frame, facing, EVERYWHERE)
+        pictures, points = [(camera, frame.view_depth, facing)], points_of(ends)
+        kept = outline_of(pictures, ends, axes)
+        expected = by_row(outline_by_hand(pictures, points, axes))
+        assert by_row(kept) == pytest.approx(expected, rel=1e-12)
+        past = {tuple(point) for point in points}
+        won += sum(tuple(point) in past for point in kept)
+    assert won > 100
 
 
 # -- ends of planes --------------------------------------------------------------------------------
@@ -231,6 +242,28 @@ def ends_by_hand(camera, small, frame, facing):
     return points, box
 
 
+def finer(camera, ratio):
+    """The camera of the full picture, of so many pixels along one of this."""
+    width, height = camera.size
+    return camera.replace(size=(width * ratio, height * ratio), half_width=camera.half_width,
+                          half_height=camera.half_height)  # fmt: skip
+
+
+def pieces_of_planes(rng, size, orthographic, horizon):
+    """A frame of three planes, one up to a horizon, and which of its pixels face the sun."""
+    rows, columns = np.indices(size[::-1])
+    level, tilts = rng.uniform(0.1, 1.0, 3), rng.uniform(-0.05, 0.05, (3, 2))
+    planes = [a + b * rows + c * columns for a, (b, c) in zip(level, tilts, strict=True)]
+    if horizon:
+        planes[0] = 0.03 * (size[1] // 2 - rows + 0.3)
+    which = (rows + columns > rng.uniform(0, 20)).astype(int) + (rng.random(size[::-1]) < 0.1)
+    linear = np.choose(which, planes)
+    valid = (linear > 1 / 250) & (rng.random(size[::-1]) < 0.97)
+    depth = np.where(valid, np.abs(linear) if orthographic else 1 / np.abs(linear), 1e9)
+    facing = valid & (rng.random(size[::-1]) < 0.95)
+    return SimpleNamespace(view_depth=depth.astype(np.float32), valid=valid), facing
+
+
 @pytest.mark.parametrize("orthographic", [False, True])
 @pytest.mark.parametrize("ratio", [2, 4])
 @pytest.mark.parametrize("size", [*SIZES, (16, 12)])
@@ -240,24 +273,12 @@ def test_ends_of_planes_by_hand(size, ratio, orthographic):
     small = camera.replace(size=size, half_width=camera.half_width, half_height=camera.half_height)
     total = boxes = 0
     for trial in range(6):
-        rows, columns = np.indices(size[::-1])
-        level, tilts = rng.uniform(0.1, 1.0, 3), rng.uniform(-0.05, 0.05, (3, 2))
-        planes = [a + b * rows + c * columns for a, (b, c) in zip(level, tilts, strict=True)]
-        if trial % 2:
-            planes[0] = 0.03 * (size[1] // 2 - rows + 0.3)  # up to a horizon
-        which = (rows + columns > rng.uniform(0, 20)).astype(int) + (rng.random(size[::-1]) < 0.1)
-        linear = np.choose(which, planes)
-        valid = (linear > 1 / 250) & (rng.random(size[::-1]) < 0.97)
-        depth = np.where(valid, np.abs(linear) if orthographic else 1 / np.abs(linear), 1e9)
-        facing = valid & (rng.random(size[::-1]) < 0.95)
-        frame = SimpleNamespace(view_depth=depth.astype(np.float32), valid=valid)
-        points, part = ends_of(camera, small, frame, facing, EVERYWHERE)
+        frame, facing = pieces_of_planes(rng, size, orthographic, horizon=trial % 2)
+        ends, part = ends_of(camera, small, frame, facing, EVERYWHERE)
+        points = points_of(ends)
         expected, box = ends_by_hand(camera, small, frame, facing)
         assert len(points) == len(expected)
         assert by_row(points) == pytest.approx(by_row(expected), rel=1e-9)
-        half = np.array([EVERYWHERE[0], camera.eye])
-        inside = [point for point in expected if (point < camera.eye + 2e-3).all()]
-        assert len(ends_of(camera, small, frame, facing, half)[0]) == len(inside)
         if not box:
             assert part is None
         else:
@@ -277,7 +298,8 @@ def test_a_wall_ends_at_the_border_of_the_picture():
                            half_height=camera.half_height)  # fmt: skip
     seen = np.ones((5, 7), bool)
     frame = SimpleNamespace(view_depth=np.full((5, 7), 8.0, np.float32), valid=seen)
-    points, part = ends_of(camera, small, frame, seen, EVERYWHERE)
+    ends, part = ends_of(camera, small, frame, seen, EVERYWHERE)
+    points = points_of(ends)
     assert len(points) == 2 * 5 + 2 * 7
     assert part is None
     assert (points - camera.eye) @ -camera.backward == pytest.approx(8.0)
@@ -294,7 +316,7 @@ def test_a_plane_bends_by_two_per_cent_of_a_step(bend, goes_on, at):
     depth = 8.0 + np.concatenate([[0.0], np.cumsum(steps)])
     frame = SimpleNamespace(view_depth=depth[None].astype(np.float32), valid=np.ones((1, 5), bool))
     facing = np.array([[True, True, True, False, False]])
-    points, _ = ends_of(camera, small, frame, facing, EVERYWHERE)
+    points = points_of(ends_of(camera, small, frame, facing, EVERYWHERE)[0])
     along = (points - camera.eye) @ camera.right
     to_the_right = along[along > small.pixel_plane()[0][2]]
     # four pixels lie between the centres of two coarse ones
@@ -310,7 +332,8 @@ def test_ground_ends_at_its_horizon():
     ground = np.repeat((y < -0.01)[:, None], 20, axis=1)  # the middle row looks along it
     depth = np.where(ground, 1.5 / np.maximum(-y[:, None], 1e-9), 1000.0).astype(np.float32)
     frame = SimpleNamespace(view_depth=depth, valid=ground)
-    points, part = ends_of(camera, small, frame, ground, EVERYWHERE)
+    ends, part = ends_of(camera, small, frame, ground, EVERYWHERE)
+    points = points_of(ends)
     assert points[:, 1] == pytest.approx(0.0, abs=1e-3)
     last = y[y < -0.01].max()
     rows = camera.pixel_plane()[1]
@@ -319,7 +342,7 @@ def test_ground_ends_at_its_horizon():
     assert found == pytest.approx(np.sort(1.5 / -between), rel=1e-3)
     assert part.size == (40, 4)  # two rows of coarse pixels
     nearer = np.array([[-2e3, -1.0, -20.0], [2e3, 1.0, 0.0]])
-    kept, _ = ends_of(camera, small, frame, ground, nearer)
+    kept = points_of(ends_of(camera, small, frame, ground, nearer)[0])
     assert 0 < len(kept) < len(points)
     assert kept[:, 2].min() >= -20.1
 
@@ -416,6 +439,14 @@ def lookups(request):
     return frame, rng.uniform(-0.2, 1.2, (count, 3)), normals, rows, columns
 
 
+def receivers_at(frame, points, rows, columns):
+    return {
+        "point": points,
+        "cascade": frame.cascade_index[rows, columns],
+        "dark": frame.mask[rows, columns] < 0.5,
+    }
+
+
 def looked_up(frame, point, cascade, reach):
     """u, v [texels] of a point, and (u, v, gap [m]) of the texels around it."""
     moved = frame.cascades.uvz_from_world[cascade] @ [*point, 1.0]
@@ -431,7 +462,7 @@ def looked_up(frame, point, cascade, reach):
 
 def test_gaps_by_hand(lookups):
     frame, points, _, rows, columns = lookups
-    gaps = gaps_of(frame, points, rows, columns)
+    gaps = gaps_of(frame, receivers_at(frame, points, rows, columns))
     met = 0
     for k, point in enumerate(points):
         at, expected = (rows[k], columns[k]), np.inf
@@ -485,9 +516,11 @@ def test_layers_by_hand(lookups):
                 full += 1
                 layered += gaps.var() > 0.1 * (gaps.var() + gaps.mean() ** 2)
     assert 0 < layered < full
-    assert layered_share_of(frame, points, rows, columns) == pytest.approx(layered / full)
+    assert layered_share_of(frame, receivers_at(frame, points, rows, columns)) == pytest.approx(
+        layered / full
+    )
     nowhere = points[:0], rows[:0], columns[:0]
-    assert layered_share_of(frame, *nowhere) == 0.0
+    assert layered_share_of(frame, receivers_at(frame, *nowhere)) == 0.0
 
 
 # -- refusals --------------------------------------------------------------------------------------
@@ -497,15 +530,17 @@ def test_arrays_of_other_sizes_are_refused():
     camera, axes = camera_of((4, 3)), np.eye(3)[:2]
     depth, seen = np.ones((3, 4), np.float32), np.ones((3, 4), bool)
     frame = SimpleNamespace(view_depth=depth, valid=seen, normal=np.ones((3, 4, 3), np.float32))
-    none = np.empty((0, 3))
     with pytest.raises(ValueError, match=r"facing: expected shape \(3, 4\), got \(4, 3\)"):
-        outline_of([(camera, depth, seen.T)], none, axes)
-    with pytest.raises(ValueError, match="points"):
-        outline_of([(camera, depth, seen)], np.empty((2, 2)), axes)
+        outline_of([(camera, depth, seen.T)], None, axes)
+    for wrong in (np.empty((2, 3)), "ends"):
+        with pytest.raises(TypeError, match="ends: expected what coarse_plane_ends gives"):
+            outline_of([(camera, depth, seen)], wrong, axes)
+        with pytest.raises(TypeError, match="ends: expected what coarse_plane_ends gives"):
+            points_of(wrong)
     with pytest.raises(ValueError, match="pictures"):
-        outline_of([], none, axes)
+        outline_of([], None, axes)
     with pytest.raises(ValueError, match="light_axes"):
-        outline_of([(camera, depth, seen)], none, axes[:1])
+        outline_of([(camera, depth, seen)], None, axes[:1])
     with pytest.raises(ValueError, match="facing"):
         ends_of(camera, camera, frame, seen[:2], EVERYWHERE)
     with pytest.raises(ValueError, match="bounds"):
@@ -526,10 +561,10 @@ def test_maps_and_points_that_do_not_fit_are_refused(lookups):
         thin_share_of(frame)
     frame = maps_of(frame.shadow_maps, mask=frame.mask, cascade_index=frame.cascade_index)
     with pytest.raises(ValueError, match="cascade_index"):
-        gaps_of(frame, points, rows[1:], columns[1:])
+        gaps_of(frame, receivers_at(frame, points, rows[1:], columns[1:]))
     edges = {"rows": rows, "columns": columns, "point": points, "normal": normals[1:]}
     with pytest.raises(ValueError, match="normals"):
         blockers_of(frame, edges)
     frame.cascades.uvz_from_world = frame.cascades.uvz_from_world[:1]
     with pytest.raises(ValueError, match="uvz_from_world"):
-        layered_share_of(frame, points, rows, columns)
+        layered_share_of(frame, receivers_at(frame, points, rows, columns))

@@ -4,12 +4,12 @@ import dataclasses
 
 import numpy as np
 import pytest
+import small_scenes
 
 import csm
 from csm import shapes
-from csm.coarse_look import positions_of
 from csm.forecasts import Forecaster
-from csm.horizons import ends_of
+from csm.horizons import ends_of, points_of
 from csm.search import KNEE_PIXELS, KNEE_SHARE, NO_MATTER
 from csm.settings import map_sizes
 from csm.signals import coarse_camera, measure_signals
@@ -47,7 +47,7 @@ def test_planes_end_where_the_full_picture_has_them(renderer, up):
     small, shrink = coarse_camera(camera)
     fine, seen = look(renderer, scene, camera)
     coarse, facing = look(renderer, scene, small)
-    ends, _ = ends_of(camera, small, coarse, facing, scene.bounds)
+    ends = points_of(ends_of(camera, small, coarse, facing, scene.bounds)[0])
     assert np.abs(ends[:, 1]).max() < 0.02  # on the ground; depths come in single precision
     depths = (ends - camera.eye) @ -camera.backward
     expected = float(fine.view_depth[seen].max())
@@ -65,7 +65,7 @@ def test_the_part_at_the_horizon_is_one_of_the_full_picture(renderer, up):
     _, part = ends_of(camera, small, coarse, facing, scene.bounds)
     assert part.size[0] * part.size[1] <= facing.size
     strip, there = look(renderer, scene, part)
-    points = positions_of(part, strip.view_depth, *np.nonzero(there))
+    points = small_scenes.positions_of(strip)[there]
     # its pixels are pixels of the full picture, the farthest among them
     x, y = camera.pixel_plane()
     for axis, own in zip((x, y), part.pixel_plane(), strict=True):

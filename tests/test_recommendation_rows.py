@@ -406,22 +406,27 @@ def test_forecasts_of_another_size_are_those_of_its_settings(renderer, box):
 
 def test_outline_holds_the_outermost_points_of_every_slice():
     rng = np.random.default_rng(5)
-    points = rng.normal(size=(4000, 3)) * (30.0, 1.0, 90.0)
-    depths = np.geomspace(1.0, 400.0, len(points))
-    points[:, 2] = -depths
-    camera = csm.Camera.look_at((0, 0, 0), (0, 0, -1), far=500, size=(4, 3))
-    blank = camera, np.ones((3, 4), np.float32), np.zeros((3, 4), bool)
+    size = width, height = 80, 50
+    camera = csm.Camera.look_at((0, 0, 0), (0, 0, -1), far=500, size=size)
+    depths = np.geomspace(1.0, 400.0, width * height).astype(np.float32)
+    depths = rng.permutation(depths).reshape(height, width)
+    seen = camera, depths, np.ones(depths.shape, bool)
     axes = np.linalg.qr(rng.normal(size=(3, 3)))[0][:2]
-    kept = outline_of([blank], points, axes)
+    x, y = camera.pixel_plane()
+    plane = np.stack([*np.meshgrid(x, y), np.full(depths.shape, -1.0)], axis=-1)
+    points = (plane * depths[..., None].astype(float)).reshape(-1, 3)
+    kept = outline_of([seen], None, axes)
     assert len(kept) <= 192
-    everywhere = {tuple(point) for point in points}
-    assert all(tuple(point) in everywhere for point in kept)
+    everywhere = {tuple(np.round(point, 9)) for point in points}
+    assert all(tuple(np.round(point, 9)) in everywhere for point in kept)
     for angle in np.arange(16) * np.pi / 8:
         direction = np.array([np.cos(angle), np.sin(angle)]) @ axes
         assert (kept @ direction).max() == pytest.approx((points @ direction).max())
-    nearest = points[depths < depths[-1] ** (1 / 12)]  # the first of twelve slices in equal ratios
-    assert tuple(nearest[(nearest @ axes[0]).argmax()]) in {tuple(point) for point in kept}
-    assert outline_of([blank], points[:0], axes).shape == (0, 3)
+    nearest = points[depths.ravel() < 400.0 ** (1 / 12)]  # the first of twelve, in equal ratios
+    first = kept[-kept[:, 2] < 400.0 ** (1 / 12)]
+    assert (first @ axes[0]).max() == pytest.approx((nearest @ axes[0]).max())
+    dark = camera, depths, np.zeros(depths.shape, bool)
+    assert outline_of([dark], None, axes).shape == (0, 3)
 
 
 def test_windows_of_forecasts_are_those_of_frames(renderer):

@@ -42,18 +42,6 @@ static box_window window_of(const csm_casters *casters, const double uvz[16]) {
     return out;
 }
 
-/* What of a box a map holds along u or v, below 0 of one beyond it; and the whole of the box. */
-static inline double held_side(const box_window *window, int row, const double centre[2],
-                               const double half[2], double *out_whole) {
-    const double *turn = window->turn[row];
-    const double at = turn[0] * centre[0] + turn[1] * centre[1] + window->shift[row];
-    const double reach = fabs(turn[0]) * half[0] + fabs(turn[1]) * half[1];
-    const double low = at - reach > 0.0 ? at - reach : 0.0;
-    const double high = at + reach < 1.0 ? at + reach : 1.0;
-    *out_whole = 2.0 * reach;
-    return high - low;
-}
-
 static void take_block(const csm_casters *casters, size_t first, box_block *out) {
     const size_t rest = casters->count - first;
     out->first = first;
@@ -63,12 +51,12 @@ static void take_block(const csm_casters *casters, size_t first, box_block *out)
             out->centre[axis][j] = casters->centre[2 * (first + j) + axis];
             out->half[axis][j] = casters->half[2 * (first + j) + axis];
         }
-        out->needed[j] = casters->weight[first + j];
     }
 }
 
-/* `held_side` of a whole block along one side of the map; -1 of what lies beyond it, or touches it
- * from without. What is seen edge on has no width, and is held all the same. */
+/* What a map holds of the boxes of a block along u or v, and the whole of each box: -1 of what lies
+ * beyond the map, or touches it from without. What is seen edge on has no width, and is held all
+ * the same. */
 static void hold_block(const box_window *window, int row, const box_block *block,
                        double *restrict held, double *restrict whole) {
     const double u = window->turn[row][0], v = window->turn[row][1], shift = window->shift[row];
@@ -153,6 +141,7 @@ void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_
     }
     for (size_t first = 0; first < casters->count; first += BLOCK) {
         take_block(casters, first, &block);
+        memcpy(block.needed, casters->weight + first, (size_t)block.count * sizeof *block.needed);
         for (int i = 0; i < count; i++) {
             int among[BLOCK];
             for (int row = 0; row < 2; row++) {
@@ -169,98 +158,31 @@ void csm_casters_load(const csm_casters *casters, int count, const double (*uvz_
     }
 }
 
-/* Whether a box is held in part. */
-static bool meets(const box_window *window, const double *centre, const double *half) {
-    bool out = true;
-    for (int row = 0; row < 2; row++) {
-        double whole;
-        const double side = held_side(window, row, centre, half, &whole);
-        out &= (side > 0.0) | ((side == 0.0) & !(whole > 0.0)); /* edge on there is no width */
-    }
-    return out;
-}
-
 void csm_casters_first(const csm_casters *casters, int count, const double (*uvz_from_world)[16],
                        int *out) {
-    for (size_t k = 0; k < casters->count; k++) {
-        out[k] = count;
+    box_window windows[CSM_MAX_CASCADES];
+    box_block block = {0};
+    for (int i = 0; i < count; i++) {
+        windows[i] = window_of(casters, uvz_from_world[i]);
     }
-    for (int i = count - 1; i >= 0; i--) { /* all windows, without a branch: which it is varies */
-        const box_window window = window_of(casters, uvz_from_world[i]);
-        for (size_t k = 0; k < casters->count; k++) {
-            out[k] = meets(&window, casters->centre + 2 * k, casters->half + 2 * k) ? i : out[k];
+    for (size_t first = 0; first < casters->count; first += BLOCK) {
+        double met[BLOCK]; /* numbers like those that they hang on: in vectors */
+        take_block(casters, first, &block);
+        for (int j = 0; j < BLOCK; j++) {
+            met[j] = count;
+        }
+        for (int i = count - 1; i >= 0; i--) {
+            for (int row = 0; row < 2; row++) {
+                hold_block(&windows[i], row, &block, block.held[row], block.whole[row]);
+            }
+            for (int j = 0; j < BLOCK; j++) {
+                const double held =
+                    block.held[0][j] < block.held[1][j] ? block.held[0][j] : block.held[1][j];
+                met[j] = held >= 0.0 ? i : met[j];
+            }
+        }
+        for (int j = 0; j < block.count; j++) {
+            out[first + (size_t)j] = (int)met[j];
         }
     }
-}
-
-#define DIGIT 11 /* bits */
-#define DIGITS 6
-#define VALUES (1 << DIGIT)
-
-typedef struct sorted_caster {
-    uint64_t key;
-    size_t number;
-} sorted_caster;
-
-static size_t digit_of(uint64_t key, int digit) {
-    return key >> (DIGIT * digit) & (VALUES - 1);
-}
-
-/* Larger areas first. Bits of a positive number grow as it does. */
-static uint64_t area_key(double area) {
-    const double size = fabs(area);
-    uint64_t bits;
-    memcpy(&bits, &size, sizeof bits);
-    return ~bits;
-}
-
-/* By places of counts, which are used up; those of one place stay in order. */
-static void deal(const sorted_caster *from, size_t count, int digit, uint32_t counts[VALUES],
-                 sorted_caster *to) {
-    uint32_t sum = 0;
-    for (int i = 0; i < VALUES; i++) {
-        const uint32_t here = counts[i];
-        counts[i] = sum;
-        sum += here;
-    }
-    for (size_t k = 0; k < count; k++) {
-        to[counts[digit_of(from[k].key, digit)]++] = from[k];
-    }
-}
-
-csm_status csm_casters_order(size_t count, const double *area, const int *kind, int kinds,
-                             int64_t *out, csm_error *err) {
-    sorted_caster *from = malloc((2 * count + 1) * sizeof *from);
-    uint32_t(*counts)[VALUES] = calloc(DIGITS, sizeof *counts);
-    if (!from || !counts) {
-        free(from);
-        free(counts);
-        return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu casters", count);
-    }
-    sorted_caster *const first = from, *to = from + count;
-    size_t starts[CSM_MAX_CASCADES + 2] = {0};
-    for (size_t k = 0; k < count; k++) {
-        from[k] = (sorted_caster){area_key(area[k]), k};
-        for (int digit = 0; digit < DIGITS; digit++) {
-            counts[digit][digit_of(from[k].key, digit)]++;
-        }
-        starts[kind[k] + 1]++;
-    }
-    for (int digit = 0; digit < DIGITS; digit++) {
-        if (count && counts[digit][digit_of(from[0].key, digit)] < count) { /* else all share it */
-            deal(from, count, digit, counts[digit], to);
-            sorted_caster *other = from;
-            from = to;
-            to = other;
-        }
-    }
-    for (int i = 1; i < kinds; i++) {
-        starts[i] += starts[i - 1];
-    }
-    for (size_t k = 0; k < count; k++) {
-        out[starts[kind[from[k].number]]++] = (int64_t)from[k].number;
-    }
-    free(first);
-    free(counts);
-    return CSM_OK;
 }

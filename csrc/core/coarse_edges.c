@@ -6,28 +6,45 @@
  */
 #include <math.h>
 #include <stdlib.h>
+#include <string.h>
 
 #include "coarse.h"
 
 #define MEAN 256.0 /* weights 1 4 6 4 1 along rows, and along columns */
 
-static bool pair(const csm_coarse_picture *picture, size_t one, size_t other) {
-    return picture->judged[one] & picture->judged[other] &
-           (picture->lit[one] != picture->lit[other]);
+/* Which pixels of a row make a pair with the next ones: bytes. */
+static void mark_pairs(const csm_coarse_picture *picture, size_t first, size_t next, int count,
+                       uint8_t *restrict out) {
+    const uint8_t *judged = picture->judged + first, *lit = picture->lit + first;
+    const uint8_t *next_judged = judged + next, *next_lit = lit + next;
+    for (int i = 0; i < count; i++) {
+        out[i] = judged[i] & next_judged[i] & (lit[i] ^ next_lit[i]);
+    }
+}
+
+#define TOGETHER 128 /* pixels of a row that are counted at once, in a byte */
+
+static size_t count_pairs(const csm_coarse_picture *picture, size_t first, size_t next, int count) {
+    size_t sum = 0;
+    for (int at = 0; at < count; at += TOGETHER) {
+        const int some = count - at < TOGETHER ? count - at : TOGETHER;
+        uint8_t marked[TOGETHER], here = 0;
+        mark_pairs(picture, first + (size_t)at, next, some, marked);
+        for (int i = 0; i < some; i++) {
+            here = (uint8_t)(here + marked[i]);
+        }
+        sum += here;
+    }
+    return sum;
 }
 
 size_t csm_coarse_edge_pairs(const csm_coarse_picture *picture) {
-    const size_t width = (size_t)picture->camera->width, height = (size_t)picture->camera->height;
+    const int width = picture->camera->width, height = picture->camera->height;
     size_t count = 0;
-    for (size_t row = 0; row < height; row++) {
-        unsigned pairs = 0;
-        for (size_t i = row * width; i + 1 < (row + 1) * width; i++) {
-            pairs += pair(picture, i, i + 1);
-        }
-        for (size_t i = row * width; row + 1 < height && i < (row + 1) * width; i++) {
-            pairs += pair(picture, i, i + width);
-        }
-        count += pairs;
+    for (int row = 0; row < height; row++) {
+        const size_t first = (size_t)row * (size_t)width;
+        count += count_pairs(picture, first, 1, width - 1);
+        count += row + 1 < height ? count_pairs(picture, first, (size_t)width, width) : 0;
     }
     return count;
 }
@@ -47,27 +64,34 @@ static int clamped(int place, int count) {
     return place < 0 ? 0 : place < count ? place : count - 1;
 }
 
-/* 256 times the mean round every pixel; the picture's border goes on outside. rows is for one row
+static void smooth_down(const uint8_t *const rows[5], int count, uint16_t *restrict out) {
+    const uint8_t *a = rows[0], *b = rows[1], *c = rows[2], *d = rows[3], *e = rows[4];
+    for (int i = 0; i < count; i++) {
+        out[i] = (uint16_t)(a[i] + e[i] + 4 * (b[i] + d[i]) + 6 * c[i]);
+    }
+}
+
+/* sums begins two before the first. */
+static void smooth_along(const uint16_t *restrict sums, int count, uint16_t *restrict out) {
+    for (int i = 0; i < count; i++) {
+        out[i] =
+            (uint16_t)(sums[i] + sums[i + 4] + 4 * (sums[i + 1] + sums[i + 3]) + 6 * sums[i + 2]);
+    }
+}
+
+/* 256 times the mean round every pixel; the picture's border goes on outside. sums is for one row
  * with two more pixels at each end. */
-static void smooth(const csm_coarse_picture *picture, uint16_t *rows, uint16_t *out) {
+static void smooth(const csm_coarse_picture *picture, uint16_t *sums, uint16_t *out) {
     const int width = picture->camera->width, height = picture->camera->height;
     for (int row = 0; row < height; row++) {
-        const uint8_t *above[5];
+        const uint8_t *rows[5];
         for (int k = 0; k < 5; k++) {
-            above[k] = picture->lit + (size_t)clamped(row + k - 2, height) * (size_t)width;
+            rows[k] = picture->lit + (size_t)clamped(row + k - 2, height) * (size_t)width;
         }
-        uint16_t *sums = rows + 2;
-        for (int i = 0; i < width; i++) {
-            sums[i] = (uint16_t)(above[0][i] + above[4][i] + 4 * (above[1][i] + above[3][i]) +
-                                 6 * above[2][i]);
-        }
-        sums[-1] = sums[-2] = sums[0];
-        sums[width] = sums[width + 1] = sums[width - 1];
-        uint16_t *mean = out + (size_t)row * (size_t)width;
-        for (int i = 0; i < width; i++) {
-            mean[i] = (uint16_t)(rows[i] + rows[i + 4] + 4 * (rows[i + 1] + rows[i + 3]) +
-                                 6 * rows[i + 2]);
-        }
+        smooth_down(rows, width, sums + 2);
+        sums[0] = sums[1] = sums[2];
+        sums[width + 2] = sums[width + 3] = sums[width + 1];
+        smooth_along(sums, width, out + (size_t)row * (size_t)width);
     }
 }
 
@@ -123,6 +147,18 @@ static void describe(const edge_look *look, int row, int column, int axis, size_
     }
 }
 
+/* The first marked pixel from one on; count if there is none. */
+static int next_marked(const uint8_t *marked, int from, int count) {
+    uint64_t eight = 0;
+    while (from + 8 <= count && (memcpy(&eight, marked + from, sizeof eight), !eight)) {
+        from += 8;
+    }
+    while (from < count && !marked[from]) {
+        from++;
+    }
+    return from;
+}
+
 csm_status csm_coarse_edges(const csm_coarse_picture *picture, double shrink, size_t pairs,
                             const csm_coarse_edge_arrays *out, csm_error *err) {
     const int width = picture->camera->width, height = picture->camera->height;
@@ -131,16 +167,23 @@ csm_status csm_coarse_edges(const csm_coarse_picture *picture, double shrink, si
     if (!mean) {
         return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu pixels", pixels);
     }
-    smooth(picture, mean + pixels, mean);
+    uint16_t *sums = mean + pixels;
+    smooth(picture, sums, mean);
     const edge_look look = {picture, mean, shrink, edge_stride(pairs), out};
     size_t met = 0, k = 0;
-    for (int axis = 0; axis < 2; axis++) {
-        const size_t next = axis ? (size_t)width : 1;
+    for (int axis = 0; axis < 2 && pairs; axis++) {
         for (int row = 0; row < height - axis; row++) {
-            for (int column = 0; column < width - 1 + axis; column++) {
-                const size_t i = (size_t)row * (size_t)width + (size_t)column;
-                if (pair(picture, i, i + next) && met++ % look.stride == 0) {
-                    describe(&look, row, column, axis, k++);
+            const int end = width - 1 + axis;
+            for (int first = 0; first < end; first += TOGETHER) {
+                const int count = end - first < TOGETHER ? end - first : TOGETHER;
+                uint8_t marked[TOGETHER];
+                mark_pairs(picture, (size_t)row * (size_t)width + (size_t)first,
+                           axis ? (size_t)width : 1, count, marked);
+                for (int i = next_marked(marked, 0, count); i < count;
+                     i = next_marked(marked, i + 1, count)) {
+                    if (met++ % look.stride == 0) {
+                        describe(&look, row, first + i, axis, k++);
+                    }
                 }
             }
         }

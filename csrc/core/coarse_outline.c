@@ -1,9 +1,9 @@
 /* coarse_outline.c: the outermost points of coarse pictures, in slices of depth.
  *
- * In: pictures, more points, two axes across the light. Out: at most 192 points. Their pixels are
- * gone through twice: for the range of depths, and for the points. Hardly a pixel is outermost:
- * some of them say how far out others must lie, and blocks whose boxes lie nearer are left out, by
- * single precision and what it may be wrong by.
+ * In: pictures, ends of planes, two axes across the light. Out: at most 192 points. Their pixels
+ * are gone through twice: for the range of depths, and for the points. Hardly a pixel is outermost:
+ * some of them say how far out others must lie; blocks whose boxes lie nearer are left out, and of
+ * the others pixels, by single precision and what it may be wrong by.
  */
 #include <math.h>
 #include <stdlib.h>
@@ -20,6 +20,7 @@
 /* of distances, that those in single precision may be wrong by, and those in double precision */
 #define SINGLE 2e-6
 #define DOUBLE 1e-14
+#define CLEARLY 1e-9 /* of a point's distances, that those of points before it are not wrong by */
 
 typedef struct outer_point {
     size_t number; /* in the order in which points are met */
@@ -29,19 +30,11 @@ typedef struct outer_point {
 typedef struct outline {
     const double (*axes)[3];
     double along[2][DIRECTIONS];
-    double borders[SLICES - 1];       /* between the slices [m] */
+    double borders[SLICES];           /* between the slices [m], and INFINITY */
     double least[SLICES][DIRECTIONS]; /* the outermost reach no less; -INFINITY: unknown */
     double reach[SLICES][DIRECTIONS]; /* -INFINITY where there is none yet */
     outer_point outermost[SLICES][DIRECTIONS];
 } outline;
-
-static double depth_of(const csm_camera *camera, const double point[3]) {
-    double depth = 0.0;
-    for (int i = 0; i < 3; i++) {
-        depth -= (point[i] - camera->eye[i]) * camera->backward[i];
-    }
-    return depth;
-}
 
 /* Depths of count pixels of a row, NAN where they do not face the sun: no comparison holds. */
 static void facing_depths(const csm_coarse_picture *picture, size_t first, int count,
@@ -80,7 +73,7 @@ static void empty_lanes(float *low, float *high, int count) {
 
 /* Least and greatest depth; low > high of none. */
 static void depth_range(const csm_coarse_picture *pictures, int picture_count,
-                        const double (*points)[3], size_t point_count, double range[2]) {
+                        const csm_plane_ends *ends, double range[2]) {
     float depths[TOGETHER], low[TOGETHER], high[TOGETHER];
     empty_lanes(low, high, TOGETHER);
     for (int k = 0; k < picture_count; k++) {
@@ -93,8 +86,8 @@ static void depth_range(const csm_coarse_picture *pictures, int picture_count,
         }
     }
     range_of(low, high, TOGETHER, range);
-    for (size_t i = 0; i < point_count; i++) {
-        const double depth = depth_of(pictures[0].camera, points[i]);
+    for (size_t i = 0; ends && i < ends->starts[CSM_PLANE_WAYS]; i++) {
+        const double depth = ends->ends[i].depth; /* all before it lie between it and a pixel */
         range[0] = depth < range[0] ? depth : range[0];
         range[1] = depth > range[1] ? depth : range[1];
     }
@@ -106,6 +99,7 @@ static void outline_begin(outline *o, const double axes[2][3], const double rang
     for (int k = 1; k < SLICES; k++) {
         o->borders[k - 1] = low * pow(high / low, (double)k / SLICES);
     }
+    o->borders[SLICES - 1] = INFINITY;
     for (int k = 0; k < DIRECTIONS; k++) {
         const double angle = k * (2.0 * 3.14159265358979323846 / DIRECTIONS);
         o->along[0][k] = cos(angle);
@@ -124,25 +118,46 @@ static int slice_of(const outline *o, double depth) {
     return slice;
 }
 
-/* How far out a point lies, and whether it may be outermost anywhere in its slice. */
-static inline bool reaches_out(const outline *o, const double point[3], int slice,
+/* The greatest. By halves, which compilers pack. */
+static inline double most_of(double values[DIRECTIONS]) {
+    for (int k = 0; k < DIRECTIONS / 2; k++) {
+        const double other = values[k + DIRECTIONS / 2];
+        values[k] = values[k] > other ? values[k] : other;
+    }
+    for (int k = 0; k < DIRECTIONS / 4; k++) {
+        const double other = values[k + DIRECTIONS / 4];
+        values[k] = values[k] > other ? values[k] : other;
+    }
+    double most = values[0];
+    for (int k = 1; k < DIRECTIONS / 4; k++) {
+        most = values[k] > most ? values[k] : most;
+    }
+    return most;
+}
+
+static bool in_slice(const outline *o, int slice, double depth) {
+    return (slice == 0 || o->borders[slice - 1] < depth) && !(o->borders[slice] < depth);
+}
+
+/* How far out a point lies, and whether, a margin farther out, it may be outermost anywhere in its
+ * slice. Hardly a point is, so all directions are asked at once. */
+static inline bool reaches_out(const outline *o, const double point[3], int slice, double margin,
                                double here[DIRECTIONS]) {
     const double u = vec3_dot(point, o->axes[0]), v = vec3_dot(point, o->axes[1]);
     const double *least = o->least[slice];
-    double most = -INFINITY;               /* a reach of -INFINITY is beaten by all */
-    for (int k = 0; k < DIRECTIONS; k++) { /* hardly a point is, so all directions at once */
+    double beyond[DIRECTIONS];
+    for (int k = 0; k < DIRECTIONS; k++) {
         here[k] = u * o->along[0][k] + v * o->along[1][k];
-        const double beyond = here[k] - least[k];
-        most = beyond > most ? beyond : most;
+        beyond[k] = here[k] - least[k];
     }
-    return most >= 0.0;
+    return most_of(beyond) + margin >= 0.0; /* a reach of -INFINITY is beaten by all */
 }
 
 /* Of points that lie equally far out the first counts, in whichever order they come. */
 static void outline_add(outline *o, const double point[3], double depth, size_t number) {
     const int slice = slice_of(o, depth);
     double here[DIRECTIONS], *reach = o->reach[slice], *least = o->least[slice];
-    if (!reaches_out(o, point, slice, here)) {
+    if (!reaches_out(o, point, slice, 0.0, here)) {
         return;
     }
     for (int k = 0; k < DIRECTIONS; k++) {
@@ -173,7 +188,7 @@ static void look_first(outline *o, const csm_coarse_picture *picture) {
                 const int slice = slice_of(o, depth);
                 double point[3], here[DIRECTIONS], *least = o->least[slice];
                 pixel_point(picture, row, column, depth, point);
-                reaches_out(o, point, slice, here);
+                reaches_out(o, point, slice, 0.0, here);
                 for (int k = 0; k < DIRECTIONS; k++) {
                     least[k] = here[k] > least[k] ? here[k] : least[k];
                 }
@@ -211,21 +226,24 @@ static block_view view_blocks(const outline *o, const csm_coarse_picture *pictur
     return out;
 }
 
-/* Boxes of columns next to each other in some rows; lanes are columns. */
+/* Columns next to each other in the rows of a block. */
 typedef struct lanes {
-    float low[3][TOGETHER], high[3][TOGETHER]; /* u, v, depth */
+    float at[3][BLOCK][TOGETHER];              /* u, v, depth of every pixel, NAN of none */
+    float low[3][TOGETHER], high[3][TOGETHER]; /* of each column */
 } lanes;
 
-static void add_row(const block_view *view, int row, int column, int count, lanes *out) {
+static void add_row(const block_view *view, int row, int column, int count, int number,
+                    lanes *out) {
     const csm_camera *camera = view->picture->camera;
     const size_t first = (size_t)row * (size_t)camera->width + (size_t)column;
     const double x = coarse_column_x(camera, column), y = coarse_row_y(camera, row);
-    float depths[TOGETHER], across[TOGETHER];
+    float *restrict depths = out->at[2][number];
     facing_depths(view->picture, first, count, depths);
     widen(depths, count, out->low[2], out->high[2]);
     for (int axis = 0; axis < 2; axis++) {
         const float start = (float)(x * view->right[axis] + y * view->up[axis]);
         const float step = view->step[axis], back = view->back[axis];
+        float *restrict across = out->at[axis][number];
         if (camera->orthographic) {
             for (int i = 0; i < count; i++) {
                 across[i] = start + (float)i * step - depths[i] * back;
@@ -247,18 +265,20 @@ static bool box_reaches_out(const outline *o, const double box[3][2], double wro
     wide += more;
     high += more;
     const int last = slice_of(o, box[2][1]);
-    double here[DIRECTIONS], most = -INFINITY;
+    double here[DIRECTIONS];
     for (int k = 0; k < DIRECTIONS; k++) {
         const double c = o->along[0][k], s = o->along[1][k];
         here[k] = u * c + v * s + wide * fabs(c) + high * fabs(s);
     }
-    for (int slice = slice_of(o, box[2][0]); slice <= last; slice++) {
+    bool out = false;
+    for (int slice = slice_of(o, box[2][0]); slice <= last && !out; slice++) {
+        double beyond[DIRECTIONS];
         for (int k = 0; k < DIRECTIONS; k++) {
-            const double beyond = here[k] - o->least[slice][k];
-            most = beyond > most || beyond != beyond ? beyond : most;
+            beyond[k] = here[k] - o->least[slice][k];
         }
+        out = !(most_of(beyond) < 0.0); /* what has no size is looked at */
     }
-    return !(most < 0.0); /* what has no size is looked at */
+    return out;
 }
 
 /* What u and v in single precision may be wrong by at such depths. */
@@ -268,29 +288,63 @@ static double wrong_by(const block_view *view, const double depths[2]) {
     return SINGLE * (straight ? depth + view->extent : depth * view->extent) + view->slack;
 }
 
-static void add_pixels(outline *o, const block_view *view, int row, int column, int count) {
+/* How far out any pixel of a block may lie, from what the outermost of its slices reach at least;
+ * -INFINITY where there is none. */
+static void block_beyond(const outline *o, const block_view *view, const lanes *all, int at,
+                         int width, const double depths[2], float beyond[BLOCK * BLOCK]) {
+    const double wrong = 2.0 * wrong_by(view, depths); /* along u and along v */
+    const int first = slice_of(o, depths[0]), last = slice_of(o, depths[1]);
+    float u[BLOCK * BLOCK], v[BLOCK * BLOCK];
+    for (int i = 0; i < BLOCK * BLOCK; i++) {
+        const int column = i % BLOCK < width ? at + i % BLOCK : at;
+        u[i] = all->at[0][i / BLOCK][column];
+        v[i] = all->at[1][i / BLOCK][column];
+        beyond[i] = -INFINITY;
+    }
+    for (int k = 0; k < DIRECTIONS; k++) {
+        double least = o->least[first][k];
+        for (int slice = first + 1; slice <= last; slice++) {
+            least = o->least[slice][k] < least ? o->least[slice][k] : least;
+        }
+        const double eye = view->eye[0] * o->along[0][k] + view->eye[1] * o->along[1][k];
+        const float c = (float)o->along[0][k], s = (float)o->along[1][k];
+        const float from = (float)(least - eye - wrong);
+        for (int i = 0; i < BLOCK * BLOCK; i++) {
+            const float here = u[i] * c + v[i] * s - from;
+            beyond[i] = here > beyond[i] ? here : beyond[i];
+        }
+    }
+}
+
+/* Pixels of a block that may be outermost. */
+static void add_block(outline *o, const block_view *view, int row, int rows, int column, int width,
+                      const float beyond[BLOCK * BLOCK]) {
     const csm_coarse_picture *picture = view->picture;
-    for (int end = column + count; column < end; column++) {
-        const size_t i = (size_t)row * (size_t)picture->camera->width + (size_t)column;
+    for (int k = 0; k < rows * BLOCK; k++) {
+        if (beyond[k] < 0.0F || k % BLOCK >= width) {
+            continue;
+        }
+        const int at = row + k / BLOCK, across = column + k % BLOCK;
+        const size_t i = (size_t)at * (size_t)picture->camera->width + (size_t)across;
         if (picture->facing[i]) {
             const double depth = picture->view_depth[i];
             double point[3];
-            pixel_point(picture, row, column, depth, point);
+            pixel_point(picture, at, across, depth, point);
             outline_add(o, point, depth, view->first + i);
         }
     }
 }
 
-/* From a row to that before an end, blocks of some columns. Of a block that may hold what is
- * outermost each row is asked by itself. */
-static void add_blocks(outline *o, const block_view *view, int row, int end, int column,
+/* Blocks of some columns in the rows from one on. Of a block that may hold what is outermost each
+ * pixel is asked, in single precision first. */
+static void add_blocks(outline *o, const block_view *view, int row, int rows, int column,
                        int count) {
     lanes all;
     for (int i = 0; i < 3; i++) {
         empty_lanes(all.low[i], all.high[i], count);
     }
-    for (int at = row; at < end; at++) {
-        add_row(view, at, column, count, &all);
+    for (int k = 0; k < BLOCK; k++) { /* past the picture its last row once more */
+        add_row(view, row + (k < rows ? k : rows - 1), column, count, k, &all);
     }
     for (int at = 0; at < count; at += BLOCK) {
         const int width = count - at < BLOCK ? count - at : BLOCK;
@@ -301,14 +355,10 @@ static void add_blocks(outline *o, const block_view *view, int row, int end, int
                 box[i][side] += view->eye[i];
             }
         }
-        if (!(box[2][0] <= box[2][1]) || !box_reaches_out(o, box, wrong_by(view, box[2]))) {
-            continue;
-        }
-        if (end - row == 1) {
-            add_pixels(o, view, row, column + at, width);
-        }
-        for (int one = row; end - row > 1 && one < end; one++) {
-            add_blocks(o, view, one, one + 1, column + at, width);
+        if (box[2][0] <= box[2][1] && box_reaches_out(o, box, wrong_by(view, box[2]))) {
+            float beyond[BLOCK * BLOCK];
+            block_beyond(o, view, &all, at, width, box[2], beyond);
+            add_block(o, view, row, rows, column + at, width, beyond);
         }
     }
 }
@@ -317,38 +367,54 @@ static void outline_add_picture(outline *o, const csm_coarse_picture *picture, s
     const int width = picture->camera->width, height = picture->camera->height;
     const block_view view = view_blocks(o, picture, first);
     for (int row = 0; row < height; row += BLOCK) {
-        const int end = row + BLOCK < height ? row + BLOCK : height;
+        const int rows = row + BLOCK < height ? BLOCK : height - row;
         for (int column = 0; column < width; column += TOGETHER) {
             const int count = width - column < TOGETHER ? width - column : TOGETHER;
-            add_blocks(o, &view, row, end, column, count);
+            add_blocks(o, &view, row, rows, column, count);
         }
     }
 }
 
-/* In blocks of points that follow each other, which mostly lie near each other. */
-static void outline_add_points(outline *o, const csm_camera *camera, const double (*points)[3],
-                               size_t count, size_t first) {
-    for (size_t i = 0; i < count; i += BLOCK) {
-        const int some = count - i < BLOCK ? (int)(count - i) : BLOCK;
-        double box[3][2], depths[BLOCK];
-        for (int axis = 0; axis < 3; axis++) {
-            box[axis][0] = INFINITY;
-            box[axis][1] = -INFINITY;
-        }
-        for (int k = 0; k < some; k++) {
-            const double *point = points[i + (size_t)k];
-            depths[k] = depth_of(camera, point);
-            const double at[3] = {vec3_dot(point, o->axes[0]), vec3_dot(point, o->axes[1]),
-                                  depths[k]};
-            for (int axis = 0; axis < 3; axis++) {
-                box[axis][0] = at[axis] < box[axis][0] ? at[axis] : box[axis][0];
-                box[axis][1] = at[axis] > box[axis][1] ? at[axis] : box[axis][1];
+/* All that pixels of the full picture see past one end. Their order: of each way all first pixels,
+ * then all second ones. */
+static void outline_add_reaching(outline *o, const coarse_way *way, const csm_plane_end *end,
+                                 size_t first, size_t count) {
+    const coarse_place place = coarse_place_of(way, end->place);
+    for (int k = end->first; k <= end->reach; k++) {
+        const double ahead = coarse_ahead(way, &place, k);
+        double point[3];
+        coarse_point_past(way, &place, k, end->crossing,
+                          coarse_depth_past(way, end->last, end->step, ahead), point);
+        outline_add(o, point, depth_of(way->full, point), first + (size_t)(k - 1) * count);
+    }
+}
+
+/* Past an end points lie in a line, from the coarse pixel, which was met, to the last of them. So
+ * where both are of one slice of depth, and the last one lies farther in than rounding may tell,
+ * none of them is outermost. */
+static bool may_reach_out(const outline *o, const csm_plane_end *end, double from) {
+    const int slice = slice_of(o, end->depth);
+    double here[DIRECTIONS];
+    if (!in_slice(o, slice, from)) {
+        return true;
+    }
+    const double margin =
+        CLEARLY * (fabs(end->point[0]) + fabs(end->point[1]) + fabs(end->point[2]));
+    return reaches_out(o, end->point, slice, margin, here);
+}
+
+static void outline_add_ends(outline *o, const csm_plane_ends *ends, size_t first) {
+    for (int number = 0; number < CSM_PLANE_WAYS; number++) {
+        const coarse_way way = coarse_way_of(&ends->full, &ends->small, number);
+        const size_t start = ends->starts[number], count = ends->starts[number + 1] - start;
+        for (size_t i = 0; i < count; i++) {
+            const csm_plane_end *end = &ends->ends[start + i];
+            const double from = coarse_depth_past(&way, end->last, end->step, 0.0);
+            if (may_reach_out(o, end, from)) {
+                outline_add_reaching(o, &way, end, first + i, count);
             }
         }
-        const bool out = box_reaches_out(o, box, 0.0);
-        for (int k = 0; out && k < some; k++) {
-            outline_add(o, points[i + (size_t)k], depths[k], first + i + (size_t)k);
-        }
+        first += (size_t)way.most * count;
     }
 }
 
@@ -378,10 +444,10 @@ static size_t outline_end(outline *o, double out[CSM_OUTLINE_MAX][3]) {
 }
 
 size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
-                          const double (*points)[3], size_t point_count,
-                          const double light_axes[2][3], double out[CSM_OUTLINE_MAX][3]) {
+                          const csm_plane_ends *ends, const double light_axes[2][3],
+                          double out[CSM_OUTLINE_MAX][3]) {
     double range[2];
-    depth_range(pictures, picture_count, points, point_count, range);
+    depth_range(pictures, picture_count, ends, range);
     if (!(range[0] <= range[1])) {
         return 0;
     }
@@ -395,6 +461,8 @@ size_t csm_coarse_outline(const csm_coarse_picture *pictures, int picture_count,
         outline_add_picture(&o, &pictures[k], met);
         met += (size_t)pictures[k].camera->width * (size_t)pictures[k].camera->height;
     }
-    outline_add_points(&o, pictures[0].camera, points, point_count, met);
+    if (ends) {
+        outline_add_ends(&o, ends, met);
+    }
     return outline_end(&o, out);
 }

@@ -17,7 +17,6 @@
 #define TOGETHER 64 /* pixels of a row */
 #define BY_BEFORE 1 /* bits: whether the next pixel is where the step from the one before leads */
 #define BY_AFTER 2  /* ... and the one before, where the step from the next leads */
-#define WAYS 4 /* down, up, right, left: bit 1 is the axis, 0 along columns; bit 0 is backwards */
 
 /* One plane's last pixel. Places count along the way, from the border where it starts. */
 typedef struct plane_end {
@@ -35,41 +34,26 @@ typedef struct planes {
     uint8_t *straight[2]; /* along an axis: BY_BEFORE, BY_AFTER */
     uint8_t *marked;      /* whether a plane ends at a pixel, along one way */
     uint32_t *starts;     /* of the ends of each place, along one way, among all; one more */
-    double *crossings[2]; /* where what crosses an axis is seen: columns, rows */
     plane_end *ends;
 } planes;
-
-static int way_axis(int way) {
-    return way >> 1;
-}
-
-static bool way_back(int way) {
-    return way & 1;
-}
-
-static int side(const csm_camera *camera, int axis) {
-    return axis ? camera->width : camera->height;
-}
 
 static void make_linear(planes *p) {
     const csm_camera *camera = p->picture->camera;
     const size_t pixels = (size_t)camera->width * (size_t)camera->height;
-    for (size_t i = 0; i < pixels; i++) {
-        const float depth = p->picture->view_depth[i];
-        p->linear[i] = (double)(p->picture->valid[i] ? depth : 1.0F);
-    }
-    for (size_t i = 0; i < pixels && !camera->orthographic; i++) {
-        p->linear[i] = 1.0 / p->linear[i];
-    }
-}
-
-static void make_crossings(planes *p) {
-    const csm_camera *camera = p->picture->camera;
-    for (int column = 0; column < camera->width; column++) {
-        p->crossings[0][column] = coarse_column_x(camera, column);
-    }
-    for (int row = 0; row < camera->height; row++) {
-        p->crossings[1][row] = coarse_row_y(camera, row);
+    const float *depths = p->picture->view_depth;
+    const uint8_t *valid = p->picture->valid;
+    double *restrict linear = p->linear;
+    const bool straight = camera->orthographic;
+    for (size_t at = 0; at < pixels; at += TOGETHER) {
+        const int count = pixels - at < TOGETHER ? (int)(pixels - at) : TOGETHER;
+        float seen[TOGETHER];
+        for (int i = 0; i < count; i++) {
+            const float depth = depths[at + (size_t)i];
+            seen[i] = valid[at + (size_t)i] ? depth : 1.0F;
+        }
+        for (int i = 0; i < count; i++) {
+            linear[at + (size_t)i] = straight ? (double)seen[i] : 1.0 / (double)seen[i];
+        }
     }
 }
 
@@ -140,7 +124,7 @@ static ptrdiff_t way_next(const planes *p, int way) {
 /* Marks the ends of one way and counts them by their places; returns how many. */
 static size_t find_ends(planes *p, int way) {
     const int width = p->picture->camera->width, height = p->picture->camera->height;
-    const int axis = way_axis(way), length = side(p->picture->camera, axis);
+    const int axis = way_axis(way), length = camera_side(p->picture->camera, axis);
     const ptrdiff_t next = way_next(p, way);
     const int last = way_back(way) ? 0 : length - 1;
     uint32_t *counts = p->starts + 1; /* of columns from left to right or of places down a column */
@@ -170,7 +154,7 @@ static size_t find_ends(planes *p, int way) {
 }
 
 static plane_end end_of(const planes *p, int way, int row, int column) {
-    const int axis = way_axis(way), length = side(p->picture->camera, axis);
+    const int axis = way_axis(way), length = camera_side(p->picture->camera, axis);
     const size_t i = (size_t)row * (size_t)p->picture->camera->width + (size_t)column;
     const ptrdiff_t next = way_next(p, way);
     const int along = axis ? column : row, place = way_back(way) ? length - 1 - along : along;
@@ -209,14 +193,6 @@ static void gather(planes *p, int way) {
     }
 }
 
-/* Whether a pixel of the full picture, ahead of a plane's last coarse one by a part of one, sees it
- * go on, and at which depth. No branch: it is anybody's guess. */
-static bool goes_on(const planes *p, const plane_end *end, double ahead, double *depth) {
-    const double value = end->last + end->step * ahead;
-    *depth = p->full->orthographic ? value : 1.0 / value;
-    return (value > 0.0) & (*depth <= end->behind) & (*depth <= p->full->far_depth);
-}
-
 static bool in_bounds(const planes *p, const double point[3]) {
     bool in = true;
     for (int i = 0; i < 3; i++) {
@@ -225,49 +201,60 @@ static bool in_bounds(const planes *p, const double point[3]) {
     return in;
 }
 
-/* Pixels of the full picture along a side, per pixel of the coarse one. */
-static double ratio_along(const planes *p, int axis) {
-    return (double)side(p->full, axis) / side(p->picture->camera, axis);
+/* Whether the k-th pixel past a place sees a plane go on, and where. */
+static bool goes_on(const planes *p, const coarse_way *way, const coarse_place *place, int k,
+                    const plane_end *end, csm_plane_end *out) {
+    const double ahead = coarse_ahead(way, place, k);
+    if (!(ahead < 1.0)) {
+        return false;
+    }
+    const double depth = coarse_depth_past(way, end->last, end->step, ahead);
+    if (!(end->last + end->step * ahead > 0.0) || depth > end->behind ||
+        depth > p->full->far_depth) {
+        return false;
+    }
+    coarse_point_past(way, place, k, end->crossing, depth, out->point);
+    return in_bounds(p, out->point);
 }
 
-/* A pixel of the full picture past the last coarse ones of one place. */
-typedef struct full_pixel {
-    double ahead; /* coarse pixels past their centre; 1 past the border */
-    double seen;  /* where along the way */
-} full_pixel;
-
-static full_pixel pixel_past(const planes *p, int way, int place, int k) {
-    const int axis = way_axis(way), length = side(p->full, axis);
-    const double ratio = ratio_along(p, axis), centre = (place + 0.5) * ratio;
-    const int pixel = (int)floor(centre - 0.5) + k;
-    const int along = way_back(way) ? length - 1 - pixel : pixel;
-    return (full_pixel){
-        .ahead = pixel < length ? (pixel + 0.5 - centre) / ratio : 1.0,
-        .seen = axis ? coarse_column_x(p->full, along) : coarse_row_y(p->full, along),
-    };
+/* The first pixel before what is seen next: a plane may come out from behind that. */
+static int first_of(const coarse_way *way, const coarse_place *place, const plane_end *end,
+                    int reach) {
+    int k = 1;
+    while (k < reach && coarse_depth_past(way, end->last, end->step, coarse_ahead(way, place, k)) >
+                            end->behind) {
+        k++;
+    }
+    return k;
 }
 
-static void add_points(const planes *p, int way, size_t count, csm_plane_ends *out) {
-    const int axis = way_axis(way);
-    for (int k = 1; k <= (int)ceil(ratio_along(p, axis)); k++) {
-        full_pixel pixel = {1.0, 0.0};
-        int place = -1;
-        for (size_t i = 0; i < count; i++) {
-            const plane_end *end = &p->ends[i];
-            if (end->place != place) {
-                place = end->place;
-                pixel = pixel_past(p, way, place, k);
-            }
-            if (pixel.ahead < 1.0) {
-                double depth, *point = out->points[out->count]; /* stays, if the plane does so */
-                const bool on = goes_on(p, end, pixel.ahead, &depth);
-                const double across = p->crossings[axis][end->crossing];
-                coarse_point(p->full, axis ? pixel.seen : across, axis ? across : pixel.seen, depth,
-                             point);
-                out->count += on & in_bounds(p, point);
-            }
+/* Ends past which a pixel of the full picture sees the plane; how far that is. */
+static void add_reaching(const planes *p, int number, size_t count, csm_plane_ends *out) {
+    const coarse_way way = coarse_way_of(&out->full, &out->small, number);
+    coarse_place place = {0.0, 0};
+    size_t held = out->starts[number];
+    for (size_t i = 0; i < count; i++) {
+        const plane_end *end = &p->ends[i];
+        if (i == 0 || end->place != p->ends[i - 1].place) {
+            place = coarse_place_of(&way, end->place);
+        }
+        csm_plane_end *reaching = &out->ends[held];
+        int k = way.most;
+        while (k > 0 && !goes_on(p, &way, &place, k, end, reaching)) {
+            k--;
+        }
+        if (k > 0) {
+            reaching->depth = depth_of(p->full, reaching->point);
+            reaching->last = end->last;
+            reaching->step = end->step;
+            reaching->place = end->place;
+            reaching->crossing = end->crossing;
+            reaching->reach = k;
+            reaching->first = first_of(&way, &place, end, k);
+            held++;
         }
     }
+    out->starts[number + 1] = held;
 }
 
 static void hold(csm_plane_ends *out, int row, int column) {
@@ -285,7 +272,7 @@ static void hold(csm_plane_ends *out, int row, int column) {
 
 /* The last pixels of planes whose inverse depth comes to 0 before the next, and these. */
 static void add_horizon(const planes *p, int way, size_t count, csm_plane_ends *out) {
-    const int axis = way_axis(way), length = side(p->picture->camera, axis);
+    const int axis = way_axis(way), length = camera_side(p->picture->camera, axis);
     for (size_t i = 0; i < count; i++) {
         const plane_end *end = &p->ends[i];
         if (end->seen || !(end->last + end->step <= 0.0)) {
@@ -301,20 +288,18 @@ static void add_horizon(const planes *p, int way, size_t count, csm_plane_ends *
 
 static csm_status find(planes *p, csm_plane_ends *out, csm_error *err) {
     make_linear(p);
-    make_crossings(p);
     judge_all_steps(p);
-    for (int way = 0; way < WAYS; way++) {
-        const size_t count = find_ends(p, way);
-        const size_t room = out->count + count * (size_t)ceil(ratio_along(p, way_axis(way)));
+    for (int way = 0; way < CSM_PLANE_WAYS; way++) {
+        const size_t count = find_ends(p, way), room = out->starts[way] + count;
         void *ends = realloc(p->ends, (count + 1) * sizeof *p->ends);
         p->ends = ends ? ends : p->ends;
-        void *points = realloc(out->points, (room + 1) * sizeof *out->points);
-        out->points = points ? points : out->points;
-        if (!ends || !points) {
+        void *reaching = realloc(out->ends, (room + 1) * sizeof *out->ends);
+        out->ends = reaching ? reaching : out->ends;
+        if (!ends || !reaching) {
             return csm_fail(err, CSM_ERROR_OUT_OF_MEMORY, "no memory for %zu ends of planes", room);
         }
         gather(p, way);
-        add_points(p, way, count, out);
+        add_reaching(p, way, count, out);
         if (!p->full->orthographic) {
             add_horizon(p, way, count, out);
         }
@@ -324,12 +309,12 @@ static csm_status find(planes *p, csm_plane_ends *out, csm_error *err) {
 
 csm_status csm_coarse_plane_ends(const csm_camera *full, const csm_coarse_picture *picture,
                                  const double bounds[6], csm_plane_ends *out, csm_error *err) {
-    memset(out, 0, sizeof *out);
+    *out = (csm_plane_ends){.full = *full, .small = *picture->camera};
     const size_t pixels = (size_t)picture->camera->width * (size_t)picture->camera->height;
     const size_t width = (size_t)picture->camera->width, height = pixels / width;
     planes p = {.full = full,
                 .picture = picture,
-                .linear = malloc((pixels + width + height) * sizeof *p.linear),
+                .linear = malloc(pixels * sizeof *p.linear),
                 .starts = malloc((width + height + 1) * sizeof *p.starts)};
     uint8_t *bytes = malloc(3 * pixels);
     for (int i = 0; i < 6; i++) {
@@ -338,8 +323,6 @@ csm_status csm_coarse_plane_ends(const csm_camera *full, const csm_coarse_pictur
     }
     csm_status status;
     if (p.linear && p.starts && bytes) {
-        p.crossings[0] = p.linear + pixels;
-        p.crossings[1] = p.crossings[0] + width;
         p.straight[0] = bytes;
         p.straight[1] = bytes + pixels;
         p.marked = bytes + 2 * pixels;
@@ -358,7 +341,25 @@ csm_status csm_coarse_plane_ends(const csm_camera *full, const csm_coarse_pictur
 }
 
 void csm_plane_ends_free(csm_plane_ends *ends) {
-    free(ends->points);
-    ends->points = NULL;
-    ends->count = 0;
+    free(ends->ends);
+    *ends = (csm_plane_ends){.ends = NULL};
+}
+
+size_t csm_plane_end_points(const csm_plane_ends *ends, double (*out)[3]) {
+    size_t count = 0;
+    for (int number = 0; number < CSM_PLANE_WAYS; number++) {
+        const coarse_way way = coarse_way_of(&ends->full, &ends->small, number);
+        for (size_t i = ends->starts[number]; i < ends->starts[number + 1]; i++) {
+            const csm_plane_end *end = &ends->ends[i];
+            const coarse_place place = coarse_place_of(&way, end->place);
+            for (int k = end->first; out && k <= end->reach; k++) {
+                const double ahead = coarse_ahead(&way, &place, k);
+                coarse_point_past(&way, &place, k, end->crossing,
+                                  coarse_depth_past(&way, end->last, end->step, ahead),
+                                  out[count + (size_t)(k - end->first)]);
+            }
+            count += (size_t)(end->reach - end->first + 1);
+        }
+    }
+    return count;
 }

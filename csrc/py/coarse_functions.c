@@ -6,12 +6,18 @@
 
 #include <string.h>
 
+/* What an array of results is: its name, its type, and columns, or 0 for none. */
+typedef struct array_rule {
+    const char *name;
+    int type, columns;
+} array_rule;
+
 static PyObject *new_points(npy_intp count) {
     const npy_intp shape[2] = {count, 3};
     return PyArray_SimpleNew(2, shape, NPY_DOUBLE);
 }
 
-enum { VIEW_DEPTH, NORMAL, VALID, FACING, JUDGED, LIT, PICTURE_ARRAYS };
+enum { VIEW_DEPTH, NORMAL, VALID, FACING, JUDGED, LIT, CASCADE, PICTURE_ARRAYS };
 
 /* desc points into the rest. */
 typedef struct picture_arguments {
@@ -34,6 +40,7 @@ static int parse_picture(PyObject *module, PyObject *camera,
         [FACING] = {"facing", NPY_BOOL, 2},
         [JUDGED] = {"judged", NPY_BOOL, 2},
         [LIT] = {"lit", NPY_BOOL, 2},
+        [CASCADE] = {"cascade_index", NPY_UINT8, 2},
     };
     if (csm_py_checked_camera(module, camera, &out->camera) < 0) {
         return -1;
@@ -49,7 +56,8 @@ static int parse_picture(PyObject *module, PyObject *camera,
                                      .valid = data[VALID],
                                      .facing = data[FACING],
                                      .judged = data[JUDGED],
-                                     .lit = data[LIT]};
+                                     .lit = data[LIT],
+                                     .cascade = data[CASCADE]};
     return 0;
 }
 
@@ -83,36 +91,51 @@ static int parse_pictures(PyObject *module, PyObject *object, picture_arguments 
     return 0;
 }
 
+#define ENDS_NAME "csm.coarse_plane_ends"
+
+static void free_ends(PyObject *capsule) {
+    csm_plane_ends *ends = PyCapsule_GetPointer(capsule, ENDS_NAME);
+    csm_plane_ends_free(ends);
+    PyMem_Free(ends);
+}
+
+/* What coarse_plane_ends gave; NULL with an exception for anything else. */
+static const csm_plane_ends *parse_ends(PyObject *object) {
+    if (!PyCapsule_IsValid(object, ENDS_NAME)) {
+        PyErr_Format(PyExc_TypeError, "ends: expected what coarse_plane_ends gives (got %R)",
+                     object);
+        return NULL;
+    }
+    return PyCapsule_GetPointer(object, ENDS_NAME);
+}
+
 PyDoc_STRVAR(coarse_outline_doc,
-             "coarse_outline(pictures, points, light_axes)\n--\n\n"
+             "coarse_outline(pictures, ends, light_axes)\n--\n\n"
              "The outermost points (k, 3) across the light in slices of depth, of the facing "
-             "pixels of pictures (camera, view_depth, facing) and of points (m, 3).");
+             "pixels of pictures (camera, view_depth, facing) and past the ends of the first one's "
+             "planes, or None.");
 
 static PyObject *coarse_outline(PyObject *module, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"pictures", "points", "light_axes", NULL};
-    PyObject *pictures, *points_object, *axes_object, *out = NULL;
+    static char *names[] = {"pictures", "ends", "light_axes", NULL};
+    PyObject *pictures, *ends_object, *axes_object, *out = NULL;
     picture_arguments in[MAX_PICTURES] = {{.arrays = {NULL}}};
     csm_coarse_picture descs[MAX_PICTURES];
     double axes[2][3], outline[CSM_OUTLINE_MAX][3];
+    const csm_plane_ends *ends = NULL;
     int count = 0;
-    PyArrayObject *points = NULL;
     if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO:coarse_outline", names, &pictures,
-                                     &points_object, &axes_object) ||
-        csm_py_vector(axes_object, "light_axes", 6, axes[0]) < 0) {
+                                     &ends_object, &axes_object) ||
+        csm_py_vector(axes_object, "light_axes", 6, axes[0]) < 0 ||
+        (ends_object != Py_None && !(ends = parse_ends(ends_object)))) {
         return NULL;
     }
     if (parse_pictures(module, pictures, in, &count) == 0) {
-        points = csm_py_shaped(points_object, "points", NPY_DOUBLE, 2, (const npy_intp[]){-1, 3});
-    }
-    if (points) {
         for (int i = 0; i < count; i++) {
             descs[i] = in[i].desc;
         }
         size_t kept;
         Py_BEGIN_ALLOW_THREADS
-        kept =
-            csm_coarse_outline(descs, count, PyArray_DATA(points), (size_t)PyArray_DIM(points, 0),
-                               (const double(*)[3])axes, outline);
+        kept = csm_coarse_outline(descs, count, ends, (const double(*)[3])axes, outline);
         Py_END_ALLOW_THREADS
         out = new_points((npy_intp)kept);
         if (out) {
@@ -122,13 +145,39 @@ static PyObject *coarse_outline(PyObject *module, PyObject *args, PyObject *kwar
     for (int i = 0; i < count; i++) {
         release_picture(&in[i]);
     }
-    Py_XDECREF(points);
     return out;
+}
+
+/* The ends as an object that owns them, and their horizon's box. */
+static PyObject *new_ends(PyObject *module, const csm_camera *full,
+                          const csm_coarse_picture *picture, const double bounds[6]) {
+    csm_plane_ends *ends = PyMem_Malloc(sizeof *ends);
+    if (!ends) {
+        return PyErr_NoMemory();
+    }
+    csm_error err = {0};
+    csm_status status;
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_coarse_plane_ends(full, picture, bounds, ends, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        PyMem_Free(ends);
+        return csm_py_raise(module, &err);
+    }
+    PyObject *capsule = PyCapsule_New(ends, ENDS_NAME, free_ends);
+    if (!capsule) {
+        csm_plane_ends_free(ends);
+        PyMem_Free(ends);
+        return NULL;
+    }
+    const int *box = ends->horizon_box;
+    return ends->horizon ? Py_BuildValue("N(iiii)", capsule, box[0], box[1], box[2], box[3])
+                         : Py_BuildValue("NO", capsule, Py_None);
 }
 
 PyDoc_STRVAR(coarse_plane_ends_doc,
              "coarse_plane_ends(camera, small, view_depth, valid, facing, bounds)\n--\n\n"
-             "Points (k, 3) of the full camera's picture past the last coarse pixels of planes, "
+             "Ends of planes between the coarse pixels, for coarse_outline and coarse_end_points, "
              "and the first row and column and those after the last of the coarse pixels at the "
              "planes' horizon, or None.");
 
@@ -145,76 +194,90 @@ static PyObject *coarse_plane_ends(PyObject *module, PyObject *args, PyObject *k
         return NULL;
     }
     if (parse_picture(module, small, arrays, &in) == 0) {
-        csm_plane_ends ends;
-        csm_error err = {0};
-        csm_status status;
-        Py_BEGIN_ALLOW_THREADS
-        status = csm_coarse_plane_ends(&full.camera, &in.desc, bounds, &ends, &err);
-        Py_END_ALLOW_THREADS
-        PyObject *points = NULL;
-        if (status != CSM_OK) {
-            csm_py_raise(module, &err);
-        } else {
-            points = new_points((npy_intp)ends.count);
-        }
-        if (points) {
-            memcpy(PyArray_DATA((PyArrayObject *)points), ends.points,
-                   ends.count * sizeof ends.points[0]);
-            const int *box = ends.horizon_box;
-            out = ends.horizon ? Py_BuildValue("N(iiii)", points, box[0], box[1], box[2], box[3])
-                               : Py_BuildValue("NO", points, Py_None);
-        }
-        csm_plane_ends_free(&ends);
+        out = new_ends(module, &full.camera, &in.desc, bounds);
     }
     release_picture(&in);
+    return out;
+}
+
+PyDoc_STRVAR(coarse_end_points_doc,
+             "coarse_end_points(ends, /)\n--\n\n"
+             "Points (k, 3) that pixels of the full camera's picture see past the ends of planes.");
+
+static PyObject *coarse_end_points(PyObject *module, PyObject *object) {
+    const csm_plane_ends *ends = parse_ends(object);
+    (void)module;
+    if (!ends) {
+        return NULL;
+    }
+    PyObject *out = new_points((npy_intp)csm_plane_end_points(ends, NULL));
+    if (out) {
+        csm_plane_end_points(ends, PyArray_DATA((PyArrayObject *)out));
+    }
+    return out;
+}
+
+/* New arrays; false with an exception, and none of them, if there is no memory. */
+static bool new_arrays(npy_intp count, const array_rule *rules, int array_count,
+                       PyArrayObject **arrays, void **data) {
+    for (int i = 0; i < array_count; i++) {
+        const npy_intp shape[2] = {count, rules[i].columns};
+        arrays[i] =
+            (PyArrayObject *)PyArray_SimpleNew(rules[i].columns ? 2 : 1, shape, rules[i].type);
+        if (!arrays[i]) {
+            csm_py_release_arrays(arrays, array_count);
+            return false;
+        }
+        data[i] = PyArray_DATA(arrays[i]);
+    }
+    return true;
+}
+
+/* A dict of them, which it holds from then on. */
+static PyObject *named_arrays(const array_rule *rules, int array_count, PyArrayObject **arrays) {
+    PyObject *out = PyDict_New();
+    for (int i = 0; out && i < array_count; i++) {
+        if (PyDict_SetItemString(out, rules[i].name, (PyObject *)arrays[i]) < 0) {
+            Py_CLEAR(out);
+        }
+    }
+    csm_py_release_arrays(arrays, array_count);
     return out;
 }
 
 enum { ROW, COLUMN, POINT, EDGE_NORMAL, ACROSS, LENGTH, EDGE_ARRAYS };
 
 static PyObject *new_edges(PyObject *module, const csm_coarse_picture *picture, double shrink) {
-    static const struct {
-        int type, columns;
-    } rules[EDGE_ARRAYS] = {{NPY_INT64, 0},  {NPY_INT64, 0},  {NPY_DOUBLE, 3},
-                            {NPY_DOUBLE, 3}, {NPY_DOUBLE, 2}, {NPY_DOUBLE, 0}};
+    static const array_rule rules[EDGE_ARRAYS] = {
+        [ROW] = {"rows", NPY_INT64, 0},       [COLUMN] = {"columns", NPY_INT64, 0},
+        [POINT] = {"point", NPY_DOUBLE, 3},   [EDGE_NORMAL] = {"normal", NPY_DOUBLE, 3},
+        [ACROSS] = {"across", NPY_DOUBLE, 2}, [LENGTH] = {"length", NPY_DOUBLE, 0},
+    };
+    PyArrayObject *arrays[EDGE_ARRAYS] = {NULL};
+    void *data[EDGE_ARRAYS];
     size_t pairs;
     Py_BEGIN_ALLOW_THREADS
     pairs = csm_coarse_edge_pairs(picture);
     Py_END_ALLOW_THREADS
-    PyObject *arrays[EDGE_ARRAYS] = {NULL}, *out = NULL;
-    void *data[EDGE_ARRAYS];
-    bool complete = true;
-    for (int i = 0; complete && i < EDGE_ARRAYS; i++) {
-        const npy_intp shape[2] = {(npy_intp)csm_coarse_edge_count(pairs), rules[i].columns};
-        arrays[i] = PyArray_SimpleNew(rules[i].columns ? 2 : 1, shape, rules[i].type);
-        complete = arrays[i] != NULL;
-        data[i] = complete ? PyArray_DATA((PyArrayObject *)arrays[i]) : NULL;
+    if (!new_arrays((npy_intp)csm_coarse_edge_count(pairs), rules, EDGE_ARRAYS, arrays, data)) {
+        return NULL;
     }
-    if (complete) {
-        const csm_coarse_edge_arrays edges = {.row = data[ROW],
-                                              .column = data[COLUMN],
-                                              .point = data[POINT],
-                                              .normal = data[EDGE_NORMAL],
-                                              .across = data[ACROSS],
-                                              .length = data[LENGTH]};
-        csm_error err = {0};
-        csm_status status;
-        Py_BEGIN_ALLOW_THREADS
-        status = csm_coarse_edges(picture, shrink, pairs, &edges, &err);
-        Py_END_ALLOW_THREADS
-        if (status != CSM_OK) {
-            csm_py_raise(module, &err);
-        } else {
-            out =
-                Py_BuildValue("{s:O,s:O,s:O,s:O,s:O,s:O}", "rows", arrays[ROW], "columns",
-                              arrays[COLUMN], "point", arrays[POINT], "normal", arrays[EDGE_NORMAL],
-                              "across", arrays[ACROSS], "length", arrays[LENGTH]);
-        }
+    const csm_coarse_edge_arrays edges = {.row = data[ROW],
+                                          .column = data[COLUMN],
+                                          .point = data[POINT],
+                                          .normal = data[EDGE_NORMAL],
+                                          .across = data[ACROSS],
+                                          .length = data[LENGTH]};
+    csm_error err = {0};
+    csm_status status;
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_coarse_edges(picture, shrink, pairs, &edges, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        csm_py_release_arrays(arrays, EDGE_ARRAYS);
+        return csm_py_raise(module, &err);
     }
-    for (int i = 0; i < EDGE_ARRAYS; i++) {
-        Py_XDECREF(arrays[i]);
-    }
-    return out;
+    return named_arrays(rules, EDGE_ARRAYS, arrays);
 }
 
 PyDoc_STRVAR(coarse_edges_doc,
@@ -238,12 +301,67 @@ static PyObject *coarse_edges(PyObject *module, PyObject *args, PyObject *kwargs
     return out;
 }
 
+enum { SEEN_POINT, SEEN_DEPTH, SLOPE, GRADIENT, SEEN_CASCADE, DARK, RECEIVER_ARRAYS };
+
+static PyObject *new_receivers(const csm_coarse_picture *picture, const csm_coarse_light *light) {
+    static const array_rule rules[RECEIVER_ARRAYS] = {
+        [SEEN_POINT] = {"point", NPY_DOUBLE, 3},    [SEEN_DEPTH] = {"depth", NPY_DOUBLE, 0},
+        [SLOPE] = {"slope", NPY_DOUBLE, 0},         [GRADIENT] = {"gradient", NPY_DOUBLE, 0},
+        [SEEN_CASCADE] = {"cascade", NPY_UINT8, 0}, [DARK] = {"dark", NPY_BOOL, 0},
+    };
+    PyArrayObject *arrays[RECEIVER_ARRAYS] = {NULL};
+    void *data[RECEIVER_ARRAYS];
+    const size_t facing = csm_coarse_facing_count(picture);
+    if (!new_arrays((npy_intp)csm_coarse_receiver_count(facing), rules, RECEIVER_ARRAYS, arrays,
+                    data)) {
+        return NULL;
+    }
+    const csm_coarse_receiver_arrays receivers = {.point = data[SEEN_POINT],
+                                                  .depth = data[SEEN_DEPTH],
+                                                  .slope = data[SLOPE],
+                                                  .gradient = data[GRADIENT],
+                                                  .cascade = data[SEEN_CASCADE],
+                                                  .dark = data[DARK]};
+    Py_BEGIN_ALLOW_THREADS
+    csm_coarse_receivers(picture, facing, light, &receivers);
+    Py_END_ALLOW_THREADS
+    return named_arrays(rules, RECEIVER_ARRAYS, arrays);
+}
+
+PyDoc_STRVAR(coarse_receivers_doc,
+             "coarse_receivers(camera, view_depth, normal, facing, lit, cascade_index, to_light, "
+             "axes, least_cosine)\n--\n\n"
+             "Some of the pixels that face the sun: point, depth, slope, gradient, cascade, dark.");
+
+static PyObject *coarse_receivers(PyObject *module, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"camera",        "view_depth", "normal", "facing",       "lit",
+                            "cascade_index", "to_light",   "axes",   "least_cosine", NULL};
+    PyObject *camera, *to_light, *axes, *arrays[PICTURE_ARRAYS] = {NULL}, *out = NULL;
+    picture_arguments in = {.arrays = {NULL}};
+    csm_coarse_light light;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOOOOOOd:coarse_receivers", names, &camera,
+                                     &arrays[VIEW_DEPTH], &arrays[NORMAL], &arrays[FACING],
+                                     &arrays[LIT], &arrays[CASCADE], &to_light, &axes,
+                                     &light.least_cosine) ||
+        csm_py_vector(to_light, "to_light", 3, light.to_light) < 0 ||
+        csm_py_vector(axes, "axes", 6, light.axes[0]) < 0) {
+        return NULL;
+    }
+    if (parse_picture(module, camera, arrays, &in) == 0) {
+        out = new_receivers(&in.desc, &light);
+    }
+    release_picture(&in);
+    return out;
+}
+
 #define METHOD(name)                                                                               \
     { #name, (PyCFunction)(void (*)(void))name, METH_VARARGS | METH_KEYWORDS, name##_doc }
 
 PyMethodDef csm_py_coarse_methods[] = {
     METHOD(coarse_outline),
     METHOD(coarse_plane_ends),
+    {"coarse_end_points", coarse_end_points, METH_O, coarse_end_points_doc},
     METHOD(coarse_edges),
+    METHOD(coarse_receivers),
     {NULL, NULL, 0, NULL},
 };

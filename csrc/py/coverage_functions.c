@@ -178,59 +178,11 @@ static PyObject *coverage_move(PyObject *module, PyObject *args, PyObject *kwarg
                          "rounding_depth", move.rounding_depth);
 }
 
-PyDoc_STRVAR(
-    surface_steps_doc,
-    "surface_steps(camera, points, normals, gradients)\n--\n\n"
-    "How steps of one along either of two coordinates of light space, of these gradients "
-    "(1 or m, 2, 3), move points (m, 3) of surfaces in the picture: (m, 2, 2), [point, right "
-    "or down, coordinate] in pixels.");
-
-static PyObject *surface_steps(PyObject *module, PyObject *args, PyObject *kwargs) {
-    enum { POINTS, NORMALS, ARRAYS };
-    static char *names[] = {"camera", "points", "normals", "gradients", NULL};
-    static const csm_py_rule rules[ARRAYS] = {{"points", NPY_DOUBLE, 2},
-                                              {"normals", NPY_DOUBLE, 2}};
-    PyObject *object, *objects[ARRAYS], *gradients, *out = NULL;
-    PyArrayObject *arrays[ARRAYS] = {NULL}, *given = NULL;
-    const void *data[ARRAYS];
-    npy_intp shape[2] = {-1, 3};
-    csm_camera camera;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOOO:surface_steps", names, &object,
-                                     &objects[POINTS], &objects[NORMALS], &gradients)) {
-        return NULL;
-    }
-    if (csm_py_checked_camera(module, object, &camera) == 0 &&
-        csm_py_take(objects, rules, ARRAYS, shape, arrays, data) == 0) {
-        const npy_intp all[3] = {-1, 2, 3}, own[3] = {shape[0], 2, 3}, steps[3] = {shape[0], 2, 2};
-        given = csm_py_shaped(gradients, "gradients", NPY_DOUBLE, 3, all);
-        const bool shared = given && PyArray_DIM(given, 0) == 1;
-        if (given && !shared) {
-            Py_DECREF(given);
-            given = csm_py_shaped(gradients, "gradients", NPY_DOUBLE, 3, own);
-        }
-        out = given ? PyArray_SimpleNew(3, steps, NPY_DOUBLE) : NULL;
-        if (out) {
-            const csm_surface_points points = {.points = data[POINTS],
-                                               .normals = data[NORMALS],
-                                               .gradients = PyArray_DATA(given),
-                                               .count = (size_t)shape[0],
-                                               .shared = shared};
-            Py_BEGIN_ALLOW_THREADS
-            csm_surface_steps(&camera, &points, PyArray_DATA((PyArrayObject *)out));
-            Py_END_ALLOW_THREADS
-        }
-    }
-    Py_XDECREF(given);
-    csm_py_release_arrays(arrays, ARRAYS);
-    return out;
-}
-
 #define METHOD(name)                                                                               \
     { #name, (PyCFunction)(void (*)(void))name, METH_VARARGS | METH_KEYWORDS, name##_doc }
 
 PyMethodDef csm_py_coverage_methods[] = {
     METHOD(coverage),
     METHOD(coverage_move),
-    METHOD(surface_steps),
     {NULL, NULL, 0, NULL},
 };

@@ -45,9 +45,11 @@ static int core_exec(PyObject *module) {
         PyModule_AddFunctions(module, csm_py_core_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_coverage_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_coarse_methods) < 0 ||
+        PyModule_AddFunctions(module, csm_py_coarse_look_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_coarse_map_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_arrange_methods) < 0 ||
-        PyModule_AddFunctions(module, csm_py_forecast_methods) < 0 ||
+        PyModule_AddFunctions(module, csm_py_coarse_number_methods) < 0 ||
+        PyModule_AddFunctions(module, csm_py_caster_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_forecast_sum_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_scene_methods) < 0 ||
         PyModule_AddFunctions(module, csm_py_settings_methods) < 0) {

@@ -1,4 +1,7 @@
-/* forecast_functions.c: what casters lay on windows, for Python. */
+/* caster_functions.c: triangles of a scene across the light, for Python.
+ *
+ * Arrays are checked against each other; every loop runs without the GIL.
+ */
 #include "py_common.h"
 
 #include <string.h>
@@ -15,11 +18,63 @@ int csm_py_windows(PyObject *object, double **out, npy_intp *count) {
     return 0;
 }
 
+static PyObject *new_boxes(const csm_sample *sample) {
+    const npy_intp shape[2] = {(npy_intp)sample->count, 2};
+    PyObject *centre = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
+    PyObject *half = PyArray_SimpleNew(2, shape, NPY_DOUBLE);
+    PyObject *area = PyArray_SimpleNew(1, shape, NPY_DOUBLE);
+    PyObject *out = NULL;
+    if (centre && half && area) {
+        void *centres = PyArray_DATA((PyArrayObject *)centre);
+        void *halves = PyArray_DATA((PyArrayObject *)half);
+        double *areas = PyArray_DATA((PyArrayObject *)area);
+        Py_BEGIN_ALLOW_THREADS
+        csm_casters_across(sample, centres, halves, areas);
+        Py_END_ALLOW_THREADS
+        out = PyTuple_Pack(3, centre, half, area);
+    }
+    Py_XDECREF(centre);
+    Py_XDECREF(half);
+    Py_XDECREF(area);
+    return out;
+}
+
+PyDoc_STRVAR(casters_across_doc,
+             "casters_across(x, y, side)\n--\n\n"
+             "Triangles across the light: their boxes' centre (t, 2) and half (t, 2) [m], and area "
+             "(t,) [m2], positive towards the light; x, y (3, t) of their corners along the axes, "
+             "side (t,) -1 where mirrored, else 1.");
+
+static PyObject *casters_across(PyObject *module, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"x", "y", "side", NULL};
+    PyObject *objects[2], *side, *out = NULL;
+    PyArrayObject *arrays[3] = {NULL};
+    (void)module;
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OOO:casters_across", names, &objects[0],
+                                     &objects[1], &side)) {
+        return NULL;
+    }
+    arrays[2] = csm_py_shaped(side, "side", NPY_DOUBLE, 1, (const npy_intp[]){-1});
+    for (int i = 0; arrays[2] && i < 2; i++) {
+        arrays[i] = csm_py_shaped(objects[i], names[i], NPY_DOUBLE, 2,
+                                  (const npy_intp[]){3, PyArray_DIM(arrays[2], 0)});
+        if (!arrays[i]) {
+            break;
+        }
+    }
+    if (arrays[0] && arrays[1]) {
+        const csm_sample sample = {.count = (size_t)PyArray_DIM(arrays[2], 0),
+                                   .along = {PyArray_DATA(arrays[0]), PyArray_DATA(arrays[1])},
+                                   .side = PyArray_DATA(arrays[2])};
+        out = new_boxes(&sample);
+    }
+    csm_py_release_arrays(arrays, 3);
+    return out;
+}
+
 static PyArrayObject *new_numbers(npy_intp count, int type) {
     return (PyArrayObject *)PyArray_SimpleNew(1, &count, type);
 }
-
-/* -- casters ----------------------------------------------------------------------------------- */
 
 enum { CENTRE, HALF, AREA, CUT, WEIGHT, CASTER_ARRAYS };
 
@@ -69,6 +124,48 @@ static int parse_casters(PyObject *object, PyObject *matrices, caster_arguments 
     return 0;
 }
 
+PyDoc_STRVAR(casters_thinned_doc,
+             "casters_thinned(casters, uvz_from_world)\n--\n\n"
+             "Numbers (k,) of the casters to keep, and how many (k,) each of them stands for: of "
+             "those that each window is the first to meet some hundreds; casters as "
+             "csm.caster_load.Casters.");
+
+static PyObject *casters_thinned(PyObject *module, PyObject *args, PyObject *kwargs) {
+    static char *names[] = {"casters", "uvz_from_world", NULL};
+    PyObject *object, *matrices, *out = NULL;
+    caster_arguments in = {.matrices = NULL};
+    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OO:casters_thinned", names, &object,
+                                     &matrices)) {
+        return NULL;
+    }
+    if (parse_casters(object, matrices, &in) == 0) {
+        int64_t number[(CSM_MAX_CASCADES + 1) * CSM_KEPT_MOST];
+        double weight[(CSM_MAX_CASCADES + 1) * CSM_KEPT_MOST];
+        csm_kept kept = {.number = number, .weight = weight};
+        csm_error err = {0};
+        csm_status status;
+        Py_BEGIN_ALLOW_THREADS
+        status = csm_casters_thinned(&in.casters, (int)in.count, (const double(*)[16])in.matrices,
+                                     &kept, &err);
+        Py_END_ALLOW_THREADS
+        const npy_intp shape[1] = {(npy_intp)kept.count};
+        PyObject *numbers = NULL, *weights = NULL;
+        if (status != CSM_OK) {
+            csm_py_raise(module, &err);
+        } else if ((numbers = PyArray_SimpleNew(1, shape, NPY_INT64)) &&
+                   (weights = PyArray_SimpleNew(1, shape, NPY_DOUBLE))) {
+            memcpy(PyArray_DATA((PyArrayObject *)numbers), number, kept.count * sizeof *number);
+            memcpy(PyArray_DATA((PyArrayObject *)weights), weight, kept.count * sizeof *weight);
+            out = PyTuple_Pack(2, numbers, weights);
+        }
+        Py_XDECREF(numbers);
+        Py_XDECREF(weights);
+    }
+    PyMem_Free(in.matrices);
+    csm_py_release_arrays(in.arrays, CASTER_ARRAYS);
+    return out;
+}
+
 static PyObject *loaded(const csm_caster_load *loads, npy_intp count) {
     const npy_intp kinds[3] = {count, 2, 2};
     PyArrayObject *layers = (PyArrayObject *)PyArray_SimpleNew(3, kinds, NPY_DOUBLE);
@@ -113,86 +210,12 @@ static PyObject *casters_load(PyObject *module, PyObject *args, PyObject *kwargs
     return out;
 }
 
-PyDoc_STRVAR(casters_first_doc, "casters_first(casters, uvz_from_world)\n--\n\n"
-                                "(t,) number of the first map that each one's box meets, n where "
-                                "none does; maps without a warp.");
-
-static PyObject *casters_first(PyObject *module, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"casters", "uvz_from_world", NULL};
-    PyObject *object, *matrices;
-    PyArrayObject *out = NULL;
-    caster_arguments in = {.matrices = NULL};
-    (void)module;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OO:casters_first", names, &object, &matrices)) {
-        return NULL;
-    }
-    if (parse_casters(object, matrices, &in) == 0 &&
-        (out = new_numbers((npy_intp)in.casters.count, NPY_INT))) {
-        int *first = PyArray_DATA(out);
-        Py_BEGIN_ALLOW_THREADS
-        csm_casters_first(&in.casters, (int)in.count, (const double(*)[16])in.matrices, first);
-        Py_END_ALLOW_THREADS
-    }
-    PyMem_Free(in.matrices);
-    csm_py_release_arrays(in.arrays, CASTER_ARRAYS);
-    return (PyObject *)out;
-}
-
-/* Whether all kinds lie in 0 to CSM_MAX_CASCADES; out: one more than the largest. */
-static bool parse_kinds(const int *kind, npy_intp count, int *out) {
-    *out = 0;
-    for (npy_intp i = 0; i < count; i++) {
-        if (kind[i] < 0 || kind[i] > CSM_MAX_CASCADES) {
-            PyErr_Format(PyExc_ValueError, "kind must be 0 to %d (got %d)", CSM_MAX_CASCADES,
-                         kind[i]);
-            return false;
-        }
-        *out = kind[i] + 1 > *out ? kind[i] + 1 : *out;
-    }
-    return true;
-}
-
-PyDoc_STRVAR(casters_order_doc, "casters_order(area, kind)\n--\n\n"
-                                "(t,) numbers of casters, kind by kind, of each the largest first, "
-                                "equal ones in order; kind as from casters_first.");
-
-static PyObject *casters_order(PyObject *module, PyObject *args, PyObject *kwargs) {
-    static char *names[] = {"area", "kind", NULL};
-    PyObject *area_object, *kind_object;
-    PyArrayObject *area = NULL, *kind = NULL, *out = NULL;
-    csm_error err = {0};
-    csm_status status = CSM_OK;
-    int kinds;
-    if (!PyArg_ParseTupleAndKeywords(args, kwargs, "OO:casters_order", names, &area_object,
-                                     &kind_object)) {
-        return NULL;
-    }
-    if ((area = csm_py_rows(area_object, "area", NPY_DOUBLE, 0)) &&
-        (kind = csm_py_counted_rows(kind_object, "kind", NPY_INT, 0, PyArray_DIM(area, 0))) &&
-        parse_kinds(PyArray_DATA(kind), PyArray_DIM(kind, 0), &kinds) &&
-        (out = new_numbers(PyArray_DIM(area, 0), NPY_INT64))) {
-        const size_t count = (size_t)PyArray_DIM(area, 0);
-        const double *areas = PyArray_DATA(area);
-        const int *of = PyArray_DATA(kind);
-        int64_t *order = PyArray_DATA(out);
-        /* under the lock: kinds were checked, and are the caller's */
-        status = csm_casters_order(count, areas, of, kinds, order, &err);
-    }
-    Py_XDECREF(area);
-    Py_XDECREF(kind);
-    if (status != CSM_OK) {
-        Py_DECREF(out);
-        return csm_py_raise(module, &err);
-    }
-    return (PyObject *)out;
-}
-
 #define METHOD(name)                                                                               \
     { #name, (PyCFunction)(void (*)(void))name, METH_VARARGS | METH_KEYWORDS, name##_doc }
 
-PyMethodDef csm_py_forecast_methods[] = {
+PyMethodDef csm_py_caster_methods[] = {
+    METHOD(casters_across),
+    METHOD(casters_thinned),
     METHOD(casters_load),
-    METHOD(casters_first),
-    METHOD(casters_order),
     {NULL, NULL, 0, NULL},
 };
