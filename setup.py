@@ -39,7 +39,7 @@ HEADERS = sorted(str(p) for p in Path("csrc").rglob("*") if p.suffix in (".h", "
 # nor must flags of an interpreter that was built with -O2 (3 times as long, where it counts).
 FLAGS = "-std=c11 -Wall -Wextra -Wshadow -Wvla -fvisibility=hidden".split()
 FLAGS += [] if "-O" in os.environ.get("CFLAGS", "") else ["-O3"]
-FLAGS += "-ffp-contract=off -fno-math-errno -fno-trapping-math".split()
+FLAGS += "-ffp-contract=off -fno-math-errno -fno-trapping-math -fno-wrapv".split()
 SANITIZE = "-fsanitize=address,undefined -fno-omit-frame-pointer -g".split()
 FLAGS += ["-Werror"] if os.environ.get("CSM_WERROR") == "1" else []
 SANITIZERS = SANITIZE if os.environ.get("CSM_SANITIZE") == "1" else []

@@ -228,7 +228,10 @@ def layered_share_of(frame, receivers):
 
 
 def thin_share_of(frame):
-    """Share of casters' texels before something else on both sides within two texels."""
+    """Share of casters' texels before something else on both sides within two texels.
+
+    Of larger maps every other run of 64 texels is looked at.
+    """
     return _core.coarse_thin_share(_maps(frame))
 
 

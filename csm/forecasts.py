@@ -3,7 +3,7 @@
 import math
 from dataclasses import dataclass, fields
 from functools import cached_property
-from operator import attrgetter
+from operator import itemgetter
 from typing import NamedTuple
 
 import numpy as np
@@ -414,7 +414,7 @@ class Forecaster:
         """
         known = self._keys.get(id(settings))
         if known is None or known[0] is not settings:  # ids of what was pickled are others' now
-            moves = _windows_of(settings)
+            moves = _windows_of(vars(settings))
             if settings.fit == "shifted":
                 moves += (settings.select,)
             number = self._numbers.setdefault(moves, len(self._numbers))
@@ -424,7 +424,7 @@ class Forecaster:
 
 
 #: What of settings moves windows.
-_windows_of = attrgetter(
+_windows_of = itemgetter(
     *(one.name for one in fields(ShadowSettings) if one.name not in WITHOUT_WINDOWS)
 )
 

@@ -444,6 +444,7 @@ def test_tables_leave_out_what_could_not_be_turned(monkeypatch):
     rows = [row("blend", None), row("snap", True), row("snap", False), row("snap", None)]
     line = {
         "rows": rows, "ms": 1.0, "full_ms": 2.0, "analysis_ms": 1.0, "frame_ms": 1.0,
+        "analysis_alone_ms": 1.0,
         "error": 0.1, "full_error": 0.1, "dark": True, "settings": {},
         "forecast": 0.1, "full_forecast": 0.1,
     }  # fmt: skip
