@@ -51,7 +51,7 @@ QUICK_ROUNDS = 4
 SOFT_RAYS, QUICK_RAYS = 16, 4  # of the truth under a sun with a disc
 FOUR = 4 * 2048**2 * 4  # bytes
 OUTPUTS = ("mask", "valid", "cascade_index")
-ANALYSIS = "analysis"
+ANALYSIS, WHOLE = "analysis", "whole"
 
 
 def scenes(folder):
@@ -77,20 +77,25 @@ def timed(renderer, scene, camera, sun, wanted, rounds):
     """Passes [ms] of the frames that count of settings, taken in turns: lists by name.
 
     What a call takes outside of all passes is one of them. The analysis takes its turns as frames
-    do: a GPU that waited for it alone would run slower than for frames.
+    do, since a GPU that waited for it alone would run slower than for frames; so do frames of the
+    recommendation with all that `Renderer.render` gives by default, maps among it.
     """
 
     def frame_times(name):
         start = time.perf_counter()
         if name == ANALYSIS:
             csm.recommend(scene, camera, sun, renderer=renderer)
-            return {ANALYSIS: 1e3 * (time.perf_counter() - start)}
-        frame = renderer.render(scene, camera, sun, wanted[name], outputs=("mask",))
+        elif name == WHOLE:
+            renderer.render(scene, camera, sun, wanted["ours"])
+        else:
+            frame = renderer.render(scene, camera, sun, wanted[name], outputs=("mask",))
         whole = 1e3 * (time.perf_counter() - start)
+        if name in (ANALYSIS, WHOLE):
+            return {name: whole}
         return {**frame.timings_ms, HOST: max(0.0, whole - sum(frame.timings_ms.values()))}
 
-    warm_up = warm_up_s(renderer.info)
-    return all_in_turns([*wanted, ANALYSIS], frame_times, repeats=rounds, warm_up=warm_up)
+    jobs, warm_up = [*wanted, ANALYSIS, WHOLE], warm_up_s(renderer.info)
+    return all_in_turns(jobs, frame_times, repeats=rounds, warm_up=warm_up)
 
 
 def compared(renderer, scene, camera, sun, found, rounds):
@@ -110,6 +115,7 @@ def compared(renderer, scene, camera, sun, found, rounds):
         "full_least_ms": min(total["full"]),
         "least_ms": min(total["ours"]),
         "frame_ms": float(np.median([sum(one.values()) for one in passes["ours"]])),
+        "whole_frame_ms": float(np.median([total_ms(one) for one in passes[WHOLE]])),
         "analysis_ms": float(np.median([total_ms(one) for one in passes[ANALYSIS]])),
         "full_bytes": csm.plans.map_bytes(wanted["full"]),
         "bytes": found.map_bytes,
@@ -123,17 +129,9 @@ def compared(renderer, scene, camera, sun, found, rounds):
     return row
 
 
-def analysed(renderer, scene, camera, sun):
-    """The recommendation, and how long a second one took [ms] by itself: the first compiles."""
-    csm.recommend(scene, camera, sun, renderer=renderer)
-    start = time.perf_counter()
-    found = csm.recommend(scene, camera, sun, renderer=renderer)
-    return found, 1e3 * (time.perf_counter() - start)
-
-
 def judge_quickly(renderer, scene, camera, sun):
     """Error and time of everything on and of the recommendation."""
-    found, alone = analysed(renderer, scene, camera, sun)
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
     soft = sun.angular_diameter_deg > 0.0
     truth = csm.truth(scene, camera, sun, rays_per_pixel=QUICK_RAYS if soft else 1)
     errors = {
@@ -141,12 +139,12 @@ def judge_quickly(renderer, scene, camera, sun):
         for name, one in (("full_error", everything_on(sun)), ("error", found.settings))
     }
     row = compared(renderer, scene, camera, sun, found, QUICK_ROUNDS)
-    return {**errors, "analysis_alone_ms": alone, **row}
+    return {**errors, **row}
 
 
 def judge(renderer, scene, camera, sun):
     """The same, and which decisions hold when they are turned round."""
-    found, alone = analysed(renderer, scene, camera, sun)
+    found = csm.recommend(scene, camera, sun, renderer=renderer)
     soft = sun.angular_diameter_deg > 0.0
     proof = found.verify(
         renderer=renderer, rays_per_pixel=SOFT_RAYS if soft else 1, repeats=REPEATS
@@ -155,7 +153,6 @@ def judge(renderer, scene, camera, sun):
     return {
         "full_error": full.error,
         "error": ours.error,
-        "analysis_alone_ms": alone,
         **compared(renderer, scene, camera, sun, found, ROUNDS),
         "rows": [
             {

@@ -6,6 +6,7 @@ settings would make of that, `csm.forecasts` works out.
 """
 
 import math
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -35,6 +36,7 @@ __all__ = ["Signals", "View", "measure_signals"]
 
 COARSE = 4  # pixels of the picture along a pixel of the coarse one
 LEAST_SIZE = 160  # of a coarse picture, along its shorter side: smaller ones lose what is thin
+READERS = 2  # threads that read a frame while the next ones are drawn
 NEAREST = 1e-9  # [m] of view depths, for their ratios
 
 #: The coarse maps: four, so that casters and receivers of each are counted.
@@ -307,11 +309,12 @@ def measure_signals(renderer, scene, cameras, suns):
     last = max(len(cameras), len(suns)) - 1
     taken = sorted({0, last // 2, last})
     views, spent, sides = [], {}, []
-    for number in taken:
-        camera, sun = cameras[min(number, len(cameras) - 1)], suns[min(number, len(suns) - 1)]
-        view, seen = _look(renderer, scene, camera, sun, spent)
-        sides.append(seen)
-        views.append(view)
+    with ThreadPoolExecutor(READERS) as beside:
+        for number in taken:
+            camera, sun = cameras[min(number, len(cameras) - 1)], suns[min(number, len(suns) - 1)]
+            view, seen = _look(renderer, scene, camera, sun, spent, beside)
+            sides.append(seen)
+            views.append(view)
     return _summary(scene, tuple(views), cameras, suns, sides, spent)
 
 
@@ -333,8 +336,10 @@ def _coarse_size(camera):
     return tuple(max(1, round(side / shrink)) for side in camera.size)
 
 
-def _look(renderer, scene, camera, sun, spent):
-    """Render one view coarsely and read it."""
+def _look(renderer, scene, camera, sun, spent, beside):
+    """Render one view coarsely and read it, the one beside the other."""
+    axes = light_gradients(sun)
+    sample = beside.submit(sample_casters, scene, axes)
     small, shrink = coarse_camera(camera)
     # only even splits can begin at or behind an orthographic camera
     probe = PROBE if camera.near > 0.0 else PROBE.replace(split="uniform")
@@ -354,33 +359,36 @@ def _look(renderer, scene, camera, sun, spent):
         spend(other)
         return other.mask >= LIT
 
-    axes = light_gradients(sun)
-    casters = sample_casters(scene, axes)
-    lit_area = casters.lit_area
+    casters = sample.result()
+    plain = [(small, frame.view_depth, look.facing)]
+    outlined = beside.submit(_outlined, camera, plain, frame, scene, axes)
+    fields = [
+        beside.submit(_casters, casters, frame, look),
+        beside.submit(_edges, small, frame, look, shrink),
+        beside.submit(_receivers, small, frame, look, sun),
+    ]
     # where nothing is in shadow no picture says which sides of casters are needed
     sides = (
-        measure_sides(lit_area, look.lit, look.judged, look.facing_count, again)
+        measure_sides(casters.lit_area, look.lit, look.judged, look.facing_count, again)
         if look.shadowed_count
-        else Sides(1.0, lit_area=lit_area)
+        else Sides(1.0, lit_area=casters.lit_area)
     )
-
-    ends, part = ends_of(camera, small, frame, look.facing, scene.bounds)
-    pictures = [(small, frame.view_depth, look.facing)]
+    ends, part, outline = outlined.result()
     if part is not None:
         fine = renderer.render(scene, part, sun, HORIZON, outputs=HORIZON_OUTPUTS)
         spend(fine)
-        pictures.append((part, fine.view_depth, facing_of(fine, sun)))
-    outline = outline_of(pictures, ends, axes)
+        pictures = [*plain, (part, fine.view_depth, facing_of(fine, sun))]
+        outline = outline_of(pictures, ends, axes)
     outline = _ordered({"point": outline}, outline @ -camera.backward)["point"]
-    return View(
-        camera=camera,
-        sun=sun,
-        outline=frozen(outline),
-        axes=frozen(axes),
-        **_receivers(small, frame, look, sun),
-        **_edges(small, frame, look, shrink),
-        **_casters(casters, frame, look),
-    ), sides
+    view = {name: value for some in fields for name, value in some.result().items()}
+    return View(camera=camera, sun=sun, outline=frozen(outline), axes=frozen(axes), **view), sides
+
+
+def _outlined(camera, pictures, frame, scene, axes):
+    """Ends of planes, the part at their horizon, and the outline of all, if there is no part."""
+    ((small, _, facing),) = pictures
+    ends, part = ends_of(camera, small, frame, facing, scene.bounds)
+    return ends, part, outline_of(pictures, ends, axes) if part is None else None
 
 
 def _ordered(arrays, depths):

@@ -444,7 +444,7 @@ def test_tables_leave_out_what_could_not_be_turned(monkeypatch):
     rows = [row("blend", None), row("snap", True), row("snap", False), row("snap", None)]
     line = {
         "rows": rows, "ms": 1.0, "full_ms": 2.0, "analysis_ms": 1.0, "frame_ms": 1.0,
-        "analysis_alone_ms": 1.0,
+        "whole_frame_ms": 0.25,
         "error": 0.1, "full_error": 0.1, "dark": True, "settings": {},
         "forecast": 0.1, "full_forecast": 0.1,
     }  # fmt: skip
@@ -452,6 +452,8 @@ def test_tables_leave_out_what_could_not_be_turned(monkeypatch):
     runs = {"one": {"a": line}, "two": {"a": other, "b": {**other, "error": 0.2}}}
     told = "\n".join(tables.goals_table(runs))
     assert "| 1 of 2, 50.0%;" in told
+    assert "`render` gives by default | 0 of 1; median 4.0, at most 4.0; 1 ms beside" in told
+    assert "of which the mask alone comes back | 1 of 1; median 1.0" in told
     assert "| 0.50, quartiles 0.50 and 0.50, at most 0.50 | 0.25, quartiles" in told
     assert "of everything on | 1 of 1 | 1 of 2 |" in told
     (missed,) = tables.elsewhere(runs)
