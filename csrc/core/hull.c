@@ -8,6 +8,8 @@
 
 #define DIRECTIONS 16
 #define BLOCK 32 /* points that are looked at at once */
+#define MANY 256 /* points, of which every STRIDE-th says well enough where the outermost are */
+#define STRIDE 4
 
 static int compare_points(const void *left, const void *right) {
     const double *a = left, *b = right;
@@ -76,11 +78,11 @@ typedef struct half_planes {
 /* How far points of a block lie beyond any of them: positive where they do. Without a branch, point
  * by point in the inner loop, so that several are looked at at once. */
 static void beyond_any(const half_planes *planes, const double (*points)[2], size_t count,
-                       double out[BLOCK]) {
+                       size_t stride, double out[BLOCK]) {
     double x[BLOCK] = {0.0}, y[BLOCK] = {0.0};
     for (size_t i = 0; i < count; i++) {
-        x[i] = points[i][0];
-        y[i] = points[i][1];
+        x[i] = points[i * stride][0];
+        y[i] = points[i * stride][1];
     }
     for (int i = 0; i < BLOCK; i++) {
         out[i] = -INFINITY;
@@ -98,8 +100,8 @@ static size_t block_at(size_t begin, size_t count) {
     return count - begin < BLOCK ? count - begin : BLOCK;
 }
 
-/* The points farthest out in all directions. */
-static void farthest_points(const double (*points)[2], size_t count, double out[DIRECTIONS][2]) {
+/* Points far out in all directions: of many, the farthest of some. */
+static void far_points(const double (*points)[2], size_t count, double out[DIRECTIONS][2]) {
     half_planes nearer;
     double beyond[BLOCK];
     for (int k = 0; k < DIRECTIONS; k++) {
@@ -109,11 +111,12 @@ static void farthest_points(const double (*points)[2], size_t count, double out[
         nearer.c[k] = nearer.a[k] * points[0][0] + nearer.b[k] * points[0][1];
         memcpy(out[k], points[0], sizeof out[k]);
     }
-    for (size_t begin = 0; begin < count; begin += BLOCK) {
-        const size_t some = block_at(begin, count);
-        beyond_any(&nearer, points + begin, some, beyond);
+    const size_t stride = count < MANY ? 1 : STRIDE, looked_at = (count + stride - 1) / stride;
+    for (size_t begin = 0; begin < looked_at; begin += BLOCK) {
+        const size_t some = block_at(begin, looked_at);
+        beyond_any(&nearer, points + begin * stride, some, stride, beyond);
         for (size_t i = 0; i < some; i++) {
-            const double *point = points[begin + i];
+            const double *point = points[(begin + i) * stride];
             for (int k = 0; beyond[i] > 0.0 && k < DIRECTIONS; k++) {
                 const double reach = nearer.a[k] * point[0] + nearer.b[k] * point[1];
                 if (reach > nearer.c[k]) {
@@ -150,8 +153,8 @@ size_t csm_outer_points(double (*points)[2], size_t count) {
     if (count == 0) {
         return 0;
     }
-    farthest_points((const double(*)[2])points, count, corners);
-    bool one = true; /* of copies of one point every one is a corner */
+    far_points((const double(*)[2])points, count, corners);
+    bool one = true; /* what lies on one point has no inside */
     for (int k = 1; k < DIRECTIONS; k++) {
         one = one && corners[k][0] == corners[0][0] && corners[k][1] == corners[0][1];
     }
@@ -160,7 +163,7 @@ size_t csm_outer_points(double (*points)[2], size_t count) {
     for (size_t begin = 0; begin < count; begin += BLOCK) {
         double beyond[BLOCK];
         const size_t some = block_at(begin, count);
-        beyond_any(&inside, (const double(*)[2])points + begin, some, beyond);
+        beyond_any(&inside, (const double(*)[2])points + begin, some, 1, beyond);
         for (size_t i = 0; i < some; i++) {
             if (one || beyond[i] >= 0.0) {
                 memmove(points[kept++], points[begin + i], sizeof points[0]);

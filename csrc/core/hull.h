@@ -30,7 +30,7 @@ static inline void csm_rectangle_grow(csm_rectangle *out, const double low[2],
 size_t csm_convex_hull(double (*points)[2], size_t count, double tolerance, size_t max,
                        double (*out)[2]);
 
-/* Drops points that lie inside the polygon of those farthest out in 16 directions: they cannot be
+/* Drops points that lie inside a polygon of some that are far out in 16 directions: they cannot be
  * corners of the hull. Works in place; returns how many are left. */
 size_t csm_outer_points(double (*points)[2], size_t count);
 
