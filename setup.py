@@ -13,11 +13,12 @@ from setuptools.command.build_ext import build_ext
 
 # In the order of the data, from values to pictures to Python.
 CORE = (
-    "status filters effects cutouts scene hull splits splits_resolution splits_histogram frustum"
-    " view_range light_basis receivers spheres clipped fits snap depth_range warp cascades cull"
-    " reuse light_window tetrahedra coverage_slices coverage coverage_move coarse_outline"
-    " coarse_picture coarse_planes coarse_edges coarse_maps coarse_thin coarse_numbers arranged"
-    " forecast_sums caster_boxes caster_sample storage bias plan shader_source"
+    "status filters effects cutouts scene hull splits splits_resolution splits_histogram"
+    " frustum view_range light_basis receivers spheres clipped fits snap depth_range warp"
+    " cascades cull reuse light_window tetrahedra coverage_slices coverage coverage_move"
+    " coarse_outline coarse_outline_blocks coarse_picture coarse_planes coarse_edges"
+    " coarse_maps coarse_thin coarse_numbers arranged forecast_sums caster_boxes"
+    " caster_sample storage bias plan shader_source"
 )
 GL = (
     "debug context context_egl context_osmesa context_glfw program target mesh timer"
