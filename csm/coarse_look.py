@@ -228,10 +228,7 @@ def layered_share_of(frame, receivers):
 
 
 def thin_share_of(frame):
-    """Share of casters' texels before something else on both sides within two texels.
-
-    Of larger maps every other run of 64 texels is looked at.
-    """
+    """Share of casters' texels before something else on both sides within two texels."""
     return _core.coarse_thin_share(_maps(frame))
 
 

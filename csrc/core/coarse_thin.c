@@ -8,7 +8,6 @@
 #include "csm.h"
 
 #define JUMP 4.0 /* texels: something else lies so much farther off */
-#define RUN 64   /* texels of a row that are looked at, or left out, in a row */
 
 typedef struct thin_count {
     size_t thin, outline; /* outline: once along u and once along v */
@@ -34,12 +33,12 @@ static inline void count_texel(float depth, float left, float right, float below
 
 /* rows: the row and its neighbours, from two below to two above; first to end: columns that have
  * two neighbours on either side in the row. */
-static void count_inner(const float *const rows[5], size_t first, size_t end, float jump, int *thin,
+static void count_inner(const float *const rows[5], int first, int end, float jump, int *thin,
                         int *outline) {
     const float *restrict far_below = rows[0], *restrict below = rows[1], *restrict row = rows[2],
                           *restrict above = rows[3], *restrict far_above = rows[4];
     int here = 0, there = 0;
-    for (size_t i = first; i < end; i++) { /* an int may wrap round: it would not be in vectors */
+    for (int i = first; i < end; i++) {
         count_texel(row[i], farther(row[i - 1], row[i - 2]), farther(row[i + 1], row[i + 2]),
                     farther(below[i], far_below[i]), farther(above[i], far_above[i]), jump, &here,
                     &there);
@@ -52,34 +51,20 @@ static int wrapped(int place, int size) {
     return ((place % size) + size) % size;
 }
 
-/* The ends of a row, which see each other. */
-static void count_ends(const float *const rows[5], int size, float jump, int *thin, int *outline) {
-    const float *row = rows[2];
-    for (int k = 0; k < 4; k++) {
-        const int u = k < 2 ? k : size + k - 4;
-        count_texel(row[u], farther(row[wrapped(u - 1, size)], row[wrapped(u - 2, size)]),
-                    farther(row[wrapped(u + 1, size)], row[wrapped(u + 2, size)]),
-                    farther(rows[1][u], rows[0][u]), farther(rows[3][u], rows[4][u]), jump, thin,
-                    outline);
-    }
-}
-
-/* Every other run of a row is looked at, in the next row the others: a share needs no more, and
- * what lies along a row or a column is met by half. Rows of one run are looked at whole. */
 static void count_row(const float *depths, int size, int v, float jump, thin_count *count) {
     const float *rows[5];
     for (int k = 0; k < 5; k++) {
         rows[k] = depths + (size_t)wrapped(v + k - 2, size) * (size_t)size;
     }
     int thin = 0, outline = 0;
-    const bool whole = size <= RUN;
-    for (int first = whole ? 0 : v % 2 * RUN; first < size; first += 2 * RUN) {
-        const int begin = first < 2 ? 2 : first, end = first + RUN;
-        count_inner(rows, (size_t)begin, (size_t)(end < size - 2 ? end : size - 2), jump, &thin,
+    count_inner(rows, 2, size - 2, jump, &thin, &outline);
+    for (int k = 0; k < 4; k++) { /* the ends, which see each other */
+        const int u = k < 2 ? k : size + k - 4;
+        const float *row = rows[2];
+        count_texel(row[u], farther(row[wrapped(u - 1, size)], row[wrapped(u - 2, size)]),
+                    farther(row[wrapped(u + 1, size)], row[wrapped(u + 2, size)]),
+                    farther(rows[1][u], rows[0][u]), farther(rows[3][u], rows[4][u]), jump, &thin,
                     &outline);
-    }
-    if (whole) {
-        count_ends(rows, size, jump, &thin, &outline);
     }
     count->thin += (size_t)thin;
     count->outline += (size_t)outline;
