@@ -37,7 +37,8 @@ HEADERS = sorted(str(p) for p in Path("csrc").rglob("*") if p.suffix in (".h", "
 
 # Snapping depends on rounding: no -ffast-math, and no contraction so that all machines agree. What
 # nobody reads, errno of sqrt and floating point traps, must not keep loops from being vectorised;
-# nor must flags of an interpreter that was built with -O2 (3 times as long, where it counts).
+# nor must flags that an interpreter was built with: -O2 (3 times as long, where it counts), and
+# -fwrapv, under which an int that counts a loop may wrap round (twice as long).
 FLAGS = "-std=c11 -Wall -Wextra -Wshadow -Wvla -fvisibility=hidden".split()
 FLAGS += [] if "-O" in os.environ.get("CFLAGS", "") else ["-O3"]
 FLAGS += "-ffp-contract=off -fno-math-errno -fno-trapping-math -fno-wrapv".split()

@@ -33,7 +33,7 @@ class Arranged:
     displaced : list of float
         Edges' displacements by each cascade, times their lengths [pixels²].
     held : list of bool
-        Whether receivers lie between each one's splits.
+        Whether receivers, edges or outline lie between each one's splits.
     """
 
     def __init__(self, view, settings, scene):

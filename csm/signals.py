@@ -6,7 +6,7 @@ settings would make of that, `csm.forecasts` works out.
 """
 
 import math
-from concurrent.futures import ThreadPoolExecutor
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -339,7 +339,7 @@ def _coarse_size(camera):
 def _look(renderer, scene, camera, sun, spent, beside):
     """Render one view coarsely and read it, the one beside the other."""
     axes = light_gradients(sun)
-    sample = beside.submit(sample_casters, scene, axes)
+    sample = _begun(beside, sample_casters, scene, axes)
     small, shrink = coarse_camera(camera)
     # only even splits can begin at or behind an orthographic camera
     probe = PROBE if camera.near > 0.0 else PROBE.replace(split="uniform")
@@ -361,11 +361,11 @@ def _look(renderer, scene, camera, sun, spent, beside):
 
     casters = sample.result()
     plain = [(small, frame.view_depth, look.facing)]
-    outlined = beside.submit(_outlined, camera, plain, frame, scene, axes)
+    outlined = _begun(beside, _outlined, camera, plain, frame, scene, axes)
     fields = [
-        beside.submit(_casters, casters, frame, look),
-        beside.submit(_edges, small, frame, look, shrink),
-        beside.submit(_receivers, small, frame, look, sun),
+        _begun(beside, _casters, casters, frame, look),
+        _begun(beside, _edges, small, frame, look, shrink),
+        _begun(beside, _receivers, small, frame, look, sun),
     ]
     # where nothing is in shadow no picture says which sides of casters are needed
     sides = (
@@ -382,6 +382,16 @@ def _look(renderer, scene, camera, sun, spent, beside):
     outline = _ordered({"point": outline}, outline @ -camera.backward)["point"]
     view = {name: value for some in fields for name, value in some.result().items()}
     return View(camera=camera, sun=sun, outline=frozen(outline), axes=frozen(axes), **view), sides
+
+
+def _begun(beside, read, *arguments):
+    """What is read on another thread; here and now, where an interpreter that ends starts none."""
+    try:
+        return beside.submit(read, *arguments)
+    except RuntimeError:
+        now = Future()
+        now.set_result(read(*arguments))
+        return now
 
 
 def _outlined(camera, pictures, frame, scene, axes):

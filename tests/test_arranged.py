@@ -11,6 +11,7 @@ import csm
 from csm import _core
 from csm.arrangements import LEFT_OUT, narrowest
 from csm.caster_load import Casters
+from csm.outlines import convex_hull
 from csm.sampling import surface_steps, uv_gradients
 from csm.spaces import light_gradients
 
@@ -147,6 +148,62 @@ def test_windows_are_those_of_a_fit_and_sums_those_of_points(count, select, chan
     assert displaced == pytest.approx(sums, rel=1e-9)
     slices = np.searchsorted(splits[1:-1], view.held_depths)
     assert held == [i in slices for i in range(count)]
+
+
+def test_what_lies_on_a_split_belongs_before_it():
+    """And receivers at the near and the far end of a camera's range are in it."""
+    depths = np.array([1.0, 5.0, 5.0, 12.0, 20.0])  # whole, so that no step rounds
+    view = square_view(np.ones((len(depths), 2)), np.ones(len(depths)))
+    view.held, view.held_depths = np.stack([0.0 * depths, 10.0 - depths, 0.0 * depths], 1), depths
+    settings = csm.ShadowSettings(
+        cascade_count=3, fit="visible", snap="none", split="manual", manual_splits=(5.0, 12.0)
+    )
+    cascades = csm.fit_cascades(view.camera, view.sun, settings, receivers=view.held)
+    _, _, taken, _, _ = points_told(view, cascades, "interval")[0]
+    assert taken.tolist() == [0, 0, 0, 1, 2]
+    assert _core.arrange(view, settings, None, None, MOST)[-1] == [True, True, True]
+    by_seen = csm.ShadowSettings(cascade_count=1, fit="visible", snap="none", split="sdsm")
+    for receivers in (view.held, view.held[::-1]):
+        seen = csm.fit_cascades(view.camera, view.sun, by_seen, receivers=receivers)
+        assert seen.splits.tolist() == [1.0, 20.0]
+    assert _core.arrange(view, by_seen, None, None, MOST)[1].tolist() == [1.0, 20.0]
+
+
+def smallest_area(points):
+    """Of all rectangles round points in a plane: one has a side along an edge of their hull."""
+    hull = convex_hull(points)
+    along = np.roll(hull, -1, axis=0) - hull
+    along /= np.linalg.norm(along, axis=1)[:, None]
+    across = along @ np.array([[0.0, 1.0], [-1.0, 0.0]])
+    return min(
+        np.ptp(points @ one) * np.ptp(points @ two) for one, two in zip(along, across, strict=True)
+    )
+
+
+@pytest.mark.parametrize("count", [3, 5, 31, 32, 33, 40, 64, 255, 256, 257, 900])
+@pytest.mark.parametrize("kind", ["noise", "disc", "grid", "strip"])
+def test_turned_windows_are_the_smallest_rectangles(count, kind):
+    """However many points there are to leave out before the hull."""
+    rng = np.random.default_rng(count)
+    at = rng.uniform(-5.0, 5.0, (count, 2))
+    if kind == "disc":
+        at *= (5.0 / np.linalg.norm(at, axis=1))[:, None]
+    elif kind == "grid":
+        at = np.round(at)
+    elif kind == "strip":
+        at = at @ np.array([[0.8, 0.6], [-0.06, 0.08]])
+    at[:3] = (-5.0, -1.0), (4.0, 2.0), (1.0, -3.0)  # not all on a line
+    camera = csm.Camera.orthographic(
+        (0, 10, 0), (0, 0, 0), up=(0, 0, -1), height=30.0, near=1.0, far=20.0, size=(30, 30)
+    )
+    points = np.stack([at[:, 0], 0.0 * at[:, 0], at[:, 1]], axis=1)
+    settings = csm.ShadowSettings(
+        cascade_count=1, fit="visible", snap="none", split="uniform", turned=True
+    )
+    cascades = csm.fit_cascades(camera, csm.Sun((0, 1, 0)), settings, receivers=points)
+    area = np.prod(cascades.texel_size[0] * cascades.map_size[0])
+    # a texel and the rounding of float32 are left round it
+    assert area == pytest.approx(smallest_area(at), rel=5e-3)
 
 
 def test_a_slice_without_points_is_not_held():

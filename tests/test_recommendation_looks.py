@@ -1,6 +1,8 @@
 """What csm.recommend reads from coarse pictures: windows up to the horizon, kernels."""
 
 import dataclasses
+import subprocess
+import sys
 
 import numpy as np
 import pytest
@@ -115,6 +117,42 @@ def test_what_a_view_holds_is_in_the_order_of_depth(renderer):
     assert view.held_depths == pytest.approx(depths, rel=1e-12)
     # receivers and what is told of them are of the same pixels
     assert view.receiver_depths == pytest.approx(kinds[0], rel=1e-6)
+
+
+LATE = """
+import atexit, sys, threading, time
+import csm
+
+def look():
+    scene = csm.scenes.plane_and_box()
+    camera = scene.cameras["corner"].replace(size=(64, 48))
+    with csm.Renderer(sys.argv[1]) as renderer:
+        found = csm.recommend(scene, camera, scene.suns["diagonal"], renderer=renderer)
+    print(found.settings.cascade_count)
+
+def late():
+    time.sleep(0.5)  # until the main thread is at its end
+    look()
+
+look()
+if sys.argv[2] == "thread":
+    threading.Thread(target=late).start()
+else:
+    atexit.register(look)
+"""
+
+
+@pytest.mark.parametrize("where", ["thread", "atexit"])
+def test_a_recommendation_can_be_made_while_the_interpreter_ends(renderer, where):
+    """No thread can be started then: a frame is read where it was drawn."""
+    result = subprocess.run(
+        [sys.executable, "-c", LATE, renderer.info["backend"], where],
+        capture_output=True, text=True, timeout=60, check=False,
+    )  # fmt: skip
+    assert result.returncode == 0, result.stderr
+    assert result.stderr == ""
+    first, again = result.stdout.split()
+    assert first == again
 
 
 # -- kernels ---------------------------------------------------------------------------------------

@@ -8,6 +8,7 @@
 
 #include "csm.h"
 #include "linalg.h"
+#include "runs.h"
 
 #define BLOCK 64 /* edges whose displacements are summed up at once */
 
@@ -47,16 +48,7 @@ static size_t end_of_slice(const csm_arrangement *windows, const double *depths,
     if (*out == windows->count - 1) {
         return end;
     }
-    const double split = windows->splits[*out + 1];
-    while (begin < end) {
-        const size_t middle = begin + (end - begin) / 2;
-        if (depths[middle] > split) {
-            end = middle;
-        } else {
-            begin = middle + 1;
-        }
-    }
-    return begin;
+    return first_beyond(depths, begin, end, windows->splits[*out + 1], false);
 }
 
 /* The first map that holds a point; what none holds is left to the last. */

@@ -97,4 +97,23 @@ static inline double coarse_depth_past(const coarse_way *way, double last, doubl
     return way->full->orthographic ? value : 1.0 / value;
 }
 
+/* The point that the k-th pixel of the full picture past an end sees. */
+static inline void coarse_end_point(const coarse_way *way, const coarse_place *place,
+                                    const csm_plane_end *end, int k, double out[3]) {
+    const double ahead = coarse_ahead(way, place, k);
+    coarse_point_past(way, place, k, end->crossing,
+                      coarse_depth_past(way, end->last, end->step, ahead), out);
+}
+
+/* Every how many of a count one is looked at, so that they are at most so many; and how many. */
+static inline size_t coarse_stride(size_t count, size_t most) {
+    const size_t stride = (count + most - 1) / most;
+    return stride > 1 ? stride : 1;
+}
+
+static inline size_t coarse_looked_at(size_t count, size_t most) {
+    const size_t stride = coarse_stride(count, most);
+    return (count + stride - 1) / stride;
+}
+
 #endif

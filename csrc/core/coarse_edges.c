@@ -49,15 +49,8 @@ size_t csm_coarse_edge_pairs(const csm_coarse_picture *picture) {
     return count;
 }
 
-/* Every how many pairs one is looked at. */
-static size_t edge_stride(size_t pairs) {
-    const size_t stride = (pairs + CSM_COARSE_EDGES - 1) / CSM_COARSE_EDGES;
-    return stride > 1 ? stride : 1;
-}
-
 size_t csm_coarse_edge_count(size_t pairs) {
-    const size_t stride = edge_stride(pairs);
-    return (pairs + stride - 1) / stride;
+    return coarse_looked_at(pairs, CSM_COARSE_EDGES);
 }
 
 static int clamped(int place, int count) {
@@ -169,7 +162,7 @@ csm_status csm_coarse_edges(const csm_coarse_picture *picture, double shrink, si
     }
     uint16_t *sums = mean + pixels;
     smooth(picture, sums, mean);
-    const edge_look look = {picture, mean, shrink, edge_stride(pairs), out};
+    const edge_look look = {picture, mean, shrink, coarse_stride(pairs, CSM_COARSE_EDGES), out};
     size_t met = 0, k = 0;
     for (int axis = 0; axis < 2 && pairs; axis++) {
         for (int row = 0; row < height - axis; row++) {

@@ -93,10 +93,8 @@ static void outline_add_reaching(outline *o, const coarse_way *way, const csm_pl
                                  size_t first, size_t count) {
     const coarse_place place = coarse_place_of(way, end->place);
     for (int k = end->first; k <= end->reach; k++) {
-        const double ahead = coarse_ahead(way, &place, k);
         double point[3];
-        coarse_point_past(way, &place, k, end->crossing,
-                          coarse_depth_past(way, end->last, end->step, ahead), point);
+        coarse_end_point(way, &place, end, k, point);
         csm_outline_add(o, point, depth_of(way->full, point), first + (size_t)(k - 1) * count);
     }
 }

@@ -120,15 +120,8 @@ static double clamped(double value, double low, double high) {
     return value < low ? low : value > high ? high : value;
 }
 
-/* Every how many that face the sun one is looked at. */
-static size_t receiver_stride(size_t facing) {
-    const size_t stride = (facing + CSM_COARSE_RECEIVERS - 1) / CSM_COARSE_RECEIVERS;
-    return stride > 1 ? stride : 1;
-}
-
 size_t csm_coarse_receiver_count(size_t facing) {
-    const size_t stride = receiver_stride(facing);
-    return (facing + stride - 1) / stride;
+    return coarse_looked_at(facing, CSM_COARSE_RECEIVERS);
 }
 
 size_t csm_coarse_facing_count(const csm_coarse_picture *picture) {
@@ -144,7 +137,8 @@ void csm_coarse_receivers(const csm_coarse_picture *picture, size_t facing,
                           const csm_coarse_light *light, const csm_coarse_receiver_arrays *out) {
     const csm_camera *camera = picture->camera;
     const size_t width = (size_t)camera->width, pixels = width * (size_t)camera->height;
-    const size_t count = csm_coarse_receiver_count(facing), stride = receiver_stride(facing);
+    const size_t count = csm_coarse_receiver_count(facing),
+                 stride = coarse_stride(facing, CSM_COARSE_RECEIVERS);
     facing_walk walk = {0, 0};
     for (size_t k = 0; k < count; k++) {
         const size_t i = walk_to(&walk, picture->facing, pixels, k * stride);

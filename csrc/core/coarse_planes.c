@@ -353,10 +353,7 @@ size_t csm_plane_end_points(const csm_plane_ends *ends, double (*out)[3]) {
             const csm_plane_end *end = &ends->ends[i];
             const coarse_place place = coarse_place_of(&way, end->place);
             for (int k = end->first; out && k <= end->reach; k++) {
-                const double ahead = coarse_ahead(&way, &place, k);
-                coarse_point_past(&way, &place, k, end->crossing,
-                                  coarse_depth_past(&way, end->last, end->step, ahead),
-                                  out[count + (size_t)(k - end->first)]);
+                coarse_end_point(&way, &place, end, k, out[count + (size_t)(k - end->first)]);
             }
             count += (size_t)(end->reach - end->first + 1);
         }

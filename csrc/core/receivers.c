@@ -10,6 +10,7 @@
 
 #include "hull.h"
 #include "linalg.h"
+#include "runs.h"
 
 static double view_depth(const csm_camera *camera, const double point[3]) {
     double from_eye[3];
@@ -17,21 +18,6 @@ static double view_depth(const csm_camera *camera, const double point[3]) {
         from_eye[axis] = point[axis] - camera->eye[axis];
     }
     return -vec3_dot(camera->backward, from_eye);
-}
-
-/* The first of ascending depths from begin on that is beyond a depth, or, with its own, not before
- * it. */
-static size_t first_beyond(const double *depths, size_t begin, size_t end, double depth,
-                           bool or_at) {
-    while (begin < end) {
-        const size_t middle = begin + (end - begin) / 2;
-        if (depths[middle] > depth || (or_at && depths[middle] == depth)) {
-            end = middle;
-        } else {
-            begin = middle + 1;
-        }
-    }
-    return begin;
 }
 
 static int depth_bin(const csm_camera *camera, double depth) {

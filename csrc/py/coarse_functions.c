@@ -1,6 +1,7 @@
 /* coarse_functions.c: what coarse pictures show, for Python.
  *
- * Arrays are checked against the camera that they belong to; every loop runs without the GIL.
+ * Arrays are checked against the camera that they belong to; loops over pictures run without the
+ * GIL.
  */
 #include "py_common.h"
 
@@ -311,7 +312,10 @@ static PyObject *new_receivers(const csm_coarse_picture *picture, const csm_coar
     };
     PyArrayObject *arrays[RECEIVER_ARRAYS] = {NULL};
     void *data[RECEIVER_ARRAYS];
-    const size_t facing = csm_coarse_facing_count(picture);
+    size_t facing;
+    Py_BEGIN_ALLOW_THREADS
+    facing = csm_coarse_facing_count(picture);
+    Py_END_ALLOW_THREADS
     if (!new_arrays((npy_intp)csm_coarse_receiver_count(facing), rules, RECEIVER_ARRAYS, arrays,
                     data)) {
         return NULL;

@@ -1,6 +1,6 @@
 /* coarse_number_functions.c: percentiles, histograms and surface steps, for Python.
  *
- * Shapes are checked here; every loop runs without the GIL.
+ * Shapes and depths are checked here; what is worked out of them is so without the GIL.
  */
 #include "py_common.h"
 

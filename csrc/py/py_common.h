@@ -132,15 +132,15 @@ extern PyMethodDef csm_py_coarse_look_methods[];
 extern PyMethodDef csm_py_coarse_number_methods[];
 
 /* caster_functions.c */
+
+/* 1 to CSM_MAX_CASCADES windows, from PyMem_Malloc; 0, or -1 with an exception. */
+int csm_py_windows(PyObject *object, double **out, npy_intp *count);
 extern PyMethodDef csm_py_caster_methods[];
 
 /* arrange_functions.c */
 extern PyMethodDef csm_py_arrange_methods[];
 
 /* forecast_sum_functions.c */
-
-/* 1 to CSM_MAX_CASCADES windows, from PyMem_Malloc; 0, or -1 with an exception. */
-int csm_py_windows(PyObject *object, double **out, npy_intp *count);
 extern PyMethodDef csm_py_forecast_sum_methods[];
 
 /* scene_arguments.c */
