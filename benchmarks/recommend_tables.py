@@ -1,10 +1,10 @@
 """The tables of docs/recommendation.md, from the files of bench_recommend.py.
 
 ``python benchmarks/recommend_tables.py rows.jsonl quick.jsonl`` writes them between the marks in
-the docs; ``--print`` shows them instead. Goals are shown for every machine, driver and number of
-processes, that the files are of, the other tables for the one of which most decisions are known. Of
-a case that is in several files of one machine the full line counts before the quick one, and of
-equals the last. Cases that no file has are listed with the reason.
+the docs; ``--print`` shows them instead. Goals are shown for every machine, driver, number of
+processes and kind of run that the files are of, the other tables for the one of which most
+decisions are known. Of a case that is in several files of one of these the last counts. Cases that
+no file has are listed with the reason.
 """
 
 import argparse
@@ -23,8 +23,9 @@ DOCS = Path(__file__).resolve().parents[1] / "docs" / "recommendation.md"
 RELATIVE, ABSOLUTE = 0.05, 5e-4  # how far from everything on
 SHOWN = 3  # refuted cases of an effect that are named
 FRAMES = 3  # of the recommendation, that the analysis may take
+WHOLE = "whole_frame_ms"
 ANALYSED = {  # by what of them
-    "whole_frame_ms": "all that `render` gives by default",
+    WHOLE: "all that `render` gives by default",
     "frame_ms": "of which the mask alone comes back",
 }
 MARKS = ("<!-- {}: benchmarks/recommend_tables.py -->", "<!-- end of {} -->")
@@ -44,11 +45,11 @@ def gathered(paths):
 
 
 def machine(line):
-    """What ran a case."""
+    """What ran a case, and how: of quick lines the truth has fewer rays, so they stay apart."""
     shared = f", {line['processes']} processes at once" if line["processes"] != 1 else ""
-    return (
-        f"{line['driver']} on {line['cores']} cores{shared}, {line['size'][0]} x {line['size'][1]}"
-    )
+    quick = ", quick" if line.get("kind") == "quick" else ""
+    width, height = line["size"]
+    return f"{line['driver']} on {line['cores']} cores{shared}{quick}, {width} x {height}"
 
 
 def worth(line):
@@ -154,7 +155,8 @@ def goals_reached(lines):
             f"{held} of {len(rows)}, {held / len(rows):.1%}; {strict} "
             f"({strict / len(rows):.0%}) if what was left out may not make the picture worse either"
         )
-    for frame, kind in ANALYSED.items():
+    in_turns = all(WHOLE in line for line in lines.values())  # older ones took none
+    for frame, kind in ANALYSED.items() if in_turns else ():
         spent = np.array([frames_of_analysis(line, frame) for line in lines.values()])
         analysis, of = (
             np.median([line[name] for line in lines.values()]) for name in ("analysis_ms", frame)

@@ -12,6 +12,7 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 
 from .cutouts import Cutouts, has_cutout
+from .tasks import begin
 
 __all__ = ["RayTree", "in_chunks", "tree_of"]
 
@@ -195,7 +196,7 @@ def in_chunks(work, count, progress=None):
     parts = [slice(first, min(first + CHUNK_RAYS, count)) for first in range(0, count, CHUNK_RAYS)]
     with ThreadPoolExecutor(_core_count()) as pool:
         try:
-            futures = [pool.submit(work, part, stop) for part in parts]
+            futures = [begin(pool, work, part, stop) for part in parts]
             for done, future in enumerate(futures, 1):
                 future.result()
                 if progress is not None:

@@ -167,7 +167,17 @@ class Recommendation(Recorded):
         -------
         settings : ShadowSettings or None
             The cheapest, or, with ``budget_ms`` alone, the most exact; None if none does.
+
+        Raises
+        ------
+        TypeError
+            If another is no recommendation.
+        ValueError
+            If one was read from a file, which holds no coarse pictures.
         """
+        wrong = next((one for one in others if not isinstance(one, Recommendation)), None)
+        if wrong is not None:
+            raise TypeError(f"others must be csm.Recommendation (got {wrong!r})")
         best = finest if is_exact_goal(self.goal) else cheapest
         for one in sorted(self._measured().candidates(self._model), key=best):
             if all(place.forecast(one.settings).met for place in (self, *others)):
@@ -538,7 +548,7 @@ def _path(value, kind, name):
         several = ()
     wrong = next((one for one in several if not isinstance(one, kind)), value)
     if not several or wrong is not value:
-        got = f"one with a {type(wrong).__name__}" if several else type(value).__name__
+        got = f"one with {wrong!r}" if several else type(value).__name__
         if not several and isinstance(value, (list, tuple)):
             got = "an empty one"
         raise TypeError(f"{name} must be a csm.{kind.__name__} or a sequence of them (got {got})")

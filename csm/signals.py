@@ -6,7 +6,7 @@ settings would make of that, `csm.forecasts` works out.
 """
 
 import math
-from concurrent.futures import Future, ThreadPoolExecutor
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -31,6 +31,7 @@ from .horizons import ends_of
 from .sampling import LIT
 from .settings import ShadowSettings
 from .spaces import frozen, light_gradients
+from .tasks import begin
 
 __all__ = ["Signals", "View", "measure_signals"]
 
@@ -339,7 +340,7 @@ def _coarse_size(camera):
 def _look(renderer, scene, camera, sun, spent, beside):
     """Render one view coarsely and read it, the one beside the other."""
     axes = light_gradients(sun)
-    sample = _begun(beside, sample_casters, scene, axes)
+    sample = begin(beside, sample_casters, scene, axes)
     small, shrink = coarse_camera(camera)
     # only even splits can begin at or behind an orthographic camera
     probe = PROBE if camera.near > 0.0 else PROBE.replace(split="uniform")
@@ -361,11 +362,11 @@ def _look(renderer, scene, camera, sun, spent, beside):
 
     casters = sample.result()
     plain = [(small, frame.view_depth, look.facing)]
-    outlined = _begun(beside, _outlined, camera, plain, frame, scene, axes)
+    outlined = begin(beside, _outlined, camera, plain, frame, scene, axes)
     fields = [
-        _begun(beside, _casters, casters, frame, look),
-        _begun(beside, _edges, small, frame, look, shrink),
-        _begun(beside, _receivers, small, frame, look, sun),
+        begin(beside, _casters, casters, frame, look),
+        begin(beside, _edges, small, frame, look, shrink),
+        begin(beside, _receivers, small, frame, look, sun),
     ]
     # where nothing is in shadow no picture says which sides of casters are needed
     sides = (
@@ -382,16 +383,6 @@ def _look(renderer, scene, camera, sun, spent, beside):
     outline = _ordered({"point": outline}, outline @ -camera.backward)["point"]
     view = {name: value for some in fields for name, value in some.result().items()}
     return View(camera=camera, sun=sun, outline=frozen(outline), axes=frozen(axes), **view), sides
-
-
-def _begun(beside, read, *arguments):
-    """What is read on another thread; here and now, where an interpreter that ends starts none."""
-    try:
-        return beside.submit(read, *arguments)
-    except RuntimeError:
-        now = Future()
-        now.set_result(read(*arguments))
-        return now
 
 
 def _outlined(camera, pictures, frame, scene, axes):

@@ -278,7 +278,8 @@ class _Judge:
         self._truths = []
         for view in self.views:
             soft = view.sun.angular_diameter_deg > 0.0
-            rays = rays_per_pixel or (SOFT_RAYS if soft else 1)
+            own = SOFT_RAYS if soft else 1
+            rays = own if rays_per_pixel is None else rays_per_pixel
             self._truths.append(truth(self._scene, view.camera, view.sun, rays_per_pixel=rays))
 
     def measure(self, wanted, repeats):

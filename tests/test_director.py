@@ -301,6 +301,8 @@ def test_forecast_of_what_was_recommended_is_its_own(renderer, boundary):
         assert one.forecast(one.settings).error == one.expected_error
         assert one.forecast(one.settings).ms == one.expected_ms
         assert one.forecast(one.settings).met == one.met
+    with pytest.raises(TypeError, match=r"others must be csm.Recommendation \(got 3\)"):
+        found[0].meeting(3)
     both = found[0].meeting(found[1])
     assert all(one.forecast(both).met for one in found)
     assert not found[0].forecast(both.replace(map_size=16)).met

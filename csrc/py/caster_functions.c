@@ -124,6 +124,29 @@ static int parse_casters(PyObject *object, PyObject *matrices, caster_arguments 
     return 0;
 }
 
+enum { MOST_KEPT = (CSM_MAX_CASCADES + 1) * CSM_KEPT_MOST }; /* much for a thread's stack */
+
+static PyObject *thinned(PyObject *module, const caster_arguments *in, csm_kept kept) {
+    csm_error err = {0};
+    csm_status status;
+    Py_BEGIN_ALLOW_THREADS
+    status = csm_casters_thinned(&in->casters, (int)in->count, (const double(*)[16])in->matrices,
+                                 &kept, &err);
+    Py_END_ALLOW_THREADS
+    if (status != CSM_OK) {
+        return csm_py_raise(module, &err);
+    }
+    PyArrayObject *made[] = {new_numbers((npy_intp)kept.count, NPY_INT64),
+                             new_numbers((npy_intp)kept.count, NPY_DOUBLE)};
+    if (!made[0] || !made[1]) {
+        csm_py_release_arrays(made, 2);
+        return NULL;
+    }
+    memcpy(PyArray_DATA(made[0]), kept.number, kept.count * sizeof *kept.number);
+    memcpy(PyArray_DATA(made[1]), kept.weight, kept.count * sizeof *kept.weight);
+    return Py_BuildValue("NN", made[0], made[1]);
+}
+
 PyDoc_STRVAR(casters_thinned_doc,
              "casters_thinned(casters, uvz_from_world)\n--\n\n"
              "Numbers (k,) of the casters to keep, and how many (k,) each of them stands for: of "
@@ -139,27 +162,12 @@ static PyObject *casters_thinned(PyObject *module, PyObject *args, PyObject *kwa
         return NULL;
     }
     if (parse_casters(object, matrices, &in) == 0) {
-        int64_t number[(CSM_MAX_CASCADES + 1) * CSM_KEPT_MOST];
-        double weight[(CSM_MAX_CASCADES + 1) * CSM_KEPT_MOST];
-        csm_kept kept = {.number = number, .weight = weight};
-        csm_error err = {0};
-        csm_status status;
-        Py_BEGIN_ALLOW_THREADS
-        status = csm_casters_thinned(&in.casters, (int)in.count, (const double(*)[16])in.matrices,
-                                     &kept, &err);
-        Py_END_ALLOW_THREADS
-        const npy_intp shape[1] = {(npy_intp)kept.count};
-        PyObject *numbers = NULL, *weights = NULL;
-        if (status != CSM_OK) {
-            csm_py_raise(module, &err);
-        } else if ((numbers = PyArray_SimpleNew(1, shape, NPY_INT64)) &&
-                   (weights = PyArray_SimpleNew(1, shape, NPY_DOUBLE))) {
-            memcpy(PyArray_DATA((PyArrayObject *)numbers), number, kept.count * sizeof *number);
-            memcpy(PyArray_DATA((PyArrayObject *)weights), weight, kept.count * sizeof *weight);
-            out = PyTuple_Pack(2, numbers, weights);
-        }
-        Py_XDECREF(numbers);
-        Py_XDECREF(weights);
+        int64_t *number = PyMem_Malloc(MOST_KEPT * sizeof *number);
+        double *weight = PyMem_Malloc(MOST_KEPT * sizeof *weight);
+        const csm_kept kept = {.number = number, .weight = weight};
+        out = number && weight ? thinned(module, &in, kept) : PyErr_NoMemory();
+        PyMem_Free(number);
+        PyMem_Free(weight);
     }
     PyMem_Free(in.matrices);
     csm_py_release_arrays(in.arrays, CASTER_ARRAYS);
