@@ -143,11 +143,12 @@ else:
 
 
 @pytest.mark.parametrize("where", ["thread", "atexit"])
-def test_a_recommendation_can_be_made_while_the_interpreter_ends(renderer, where):
+def test_a_recommendation_can_be_made_while_the_interpreter_ends(renderer, where, tmp_path):
     """No thread can be started then: a frame is read where it was drawn."""
     result = subprocess.run(
         [sys.executable, "-c", LATE, renderer.info["backend"], where],
         capture_output=True, text=True, timeout=60, check=False,
+        cwd=tmp_path,  # so that the package is that of the tests
     )  # fmt: skip
     assert result.returncode == 0, result.stderr
     assert result.stderr == ""
