@@ -13,7 +13,7 @@ from .arguments import (
 from .export import ENGINES
 from .formats import SUFFIXES, write_json
 from .progress import Progress
-from .recommendation import recommend
+from .recommendation import checked_goal, recommend
 from .renderer import Renderer
 
 __all__ = [
@@ -105,6 +105,7 @@ def run_recommend(options):
     size = parse_size(options.size)
     out = None if options.out is None else parse_file("--out", options.out, SUFFIXES)
     exports = _parse_exports(options.exports)
+    goal = checked_goal(options.max_error, options.budget_ms, options.max_bytes)
     _check_one_each({"--out": out, **{f"--export {one}": at for one, at in exports.items()}})
     progress = Progress(quiet=options.quiet)
     with progress.stage(f"loading {options.scene}"):
@@ -114,15 +115,7 @@ def run_recommend(options):
     proof = None
     with Renderer(backend=options.backend) as renderer:
         with progress.stage("looking at the scene"):
-            found = recommend(
-                scene,
-                cameras,
-                suns,
-                max_error=options.max_error,
-                budget_ms=options.budget_ms,
-                max_bytes=options.max_bytes,
-                renderer=renderer,
-            )
+            found = recommend(scene, cameras, suns, **goal, renderer=renderer)
         if options.verify:
             with progress.stage("turning every decision round"):
                 proof = found.verify(renderer=renderer)

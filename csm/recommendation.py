@@ -373,7 +373,7 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
         two runs may choose otherwise; without it nothing depends on time, and the same input on
         the same driver gives the same recommendation.
     max_bytes : int, optional
-        Of the shadow maps: nothing larger is considered.
+        Of the shadow maps: nothing larger is considered, unless nothing is as small.
     renderer : Renderer, optional
         One of its own by default.
 
@@ -497,7 +497,10 @@ def obstacle_of(search, chosen, model, goal):
     -------
     obstacle : str or None
     """
-    budget, limit = goal["budget_ms"], goal["max_error"]
+    budget, limit, most = goal["budget_ms"], goal["max_error"], goal["max_bytes"]
+    least = map_bytes(chosen.settings)
+    if most is not None and least > most:
+        return f"map_size: the smallest maps alone take {least} bytes, max_bytes are {most:g}"
     if budget is not None and chosen.ms > budget:
         maps, others = model.parts(chosen.settings, search.forecaster)
         what = (
@@ -509,7 +512,7 @@ def obstacle_of(search, chosen, model, goal):
     if budget is None and limit is None and not search.forecast(chosen.settings, model).met:
         full = "everything switched on"
         what = f"map_size: {full} is forecast to gain more than the knee allows"
-        return f"{what}, and finer maps exceed {'max_bytes' if goal['max_bytes'] else 'the limits'}"
+        return f"{what}, and finer maps exceed {'max_bytes' if most else 'the limits'}"
     return None
 
 

@@ -67,6 +67,13 @@ def test_as_many_of_both_or_one(capsys):
     assert "did you mean 'corner'?" in capsys.readouterr().err
 
 
+def test_a_goal_is_checked_before_a_scene_is_looked_for(capsys):
+    assert cli.main(["recommend", "missing.glb", "--max-error", "2"]) == 2
+    said = capsys.readouterr().err
+    assert "max_error" in said
+    assert "missing" not in said
+
+
 def test_a_path_is_judged_by_its_flicker_and_exported_for_its_first_view(capsys):
     # coarse maps, whose steps are seen in so small a picture
     words = [*cameras(*EYES), "--sun", "238,40", "--max-error", "0.02"]

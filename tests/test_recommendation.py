@@ -11,7 +11,7 @@ import pytest
 
 import csm
 from csm import cli, shapes, verification
-from csm.decisions import TABLE, Situation
+from csm.decisions import SMALLEST, TABLE, Situation
 from csm.forecasts import DISC, Forecaster
 from csm.plans import map_bytes
 from csm.recommendation import Reasons
@@ -264,6 +264,22 @@ def test_knee_beyond_the_bytes_is_not_met(renderer):
         assert one.forecast(one.settings).met == one.met
 
 
+@pytest.mark.parametrize("goal", [{}, {"max_error": 0.0}, {"budget_ms": 1e-3}, {"budget_ms": 1e6}])
+def test_bytes_that_hold_no_map_give_the_smallest_and_say_so(renderer, box, goal):
+    found = csm.recommend(
+        box, view(), csm.Sun((1, 1, 0)), max_bytes=1000, **goal, renderer=renderer
+    )
+    assert not found.met
+    assert found.settings.cascade_count == 1
+    assert found.map_bytes == SMALLEST**2 * {"d16": 2, "d32f": 4}[found.settings.depth_format]
+    assert found.obstacle.startswith("map_size: ")
+    assert f"{found.map_bytes} bytes, max_bytes are 1000" in found.obstacle
+    assert not found.forecast(found.settings).met
+    dark = csm.recommend(box, view(), csm.Sun((0, -1, 0)), max_bytes=1, renderer=renderer)
+    assert dark.met
+    assert dark.map_bytes == 0
+
+
 @pytest.mark.parametrize("size", [(1, 1), (1, 50), (300, 1)])
 def test_picture_of_one_row_or_column(renderer, box, size):
     camera = view().replace(size=size)
@@ -307,7 +323,7 @@ def test_same_input_same_answer(renderer, box):
         ({"max_error": -0.1}, ValueError, "max_error"),
         ({"max_error": "small"}, TypeError, "max_error"),
         ({"budget_ms": 0.0}, ValueError, "budget_ms"),
-        ({"max_bytes": 1000}, ValueError, "max_bytes must hold one map"),
+        ({"max_bytes": 0}, ValueError, "max_bytes"),
         ({"camera": 3}, TypeError, "camera must be a csm.Camera"),
         ({"sun": []}, TypeError, "sun must be a csm.Sun"),
         ({"scene": None}, TypeError, "scene"),
