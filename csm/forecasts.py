@@ -10,7 +10,7 @@ import numpy as np
 
 from . import _core
 from .arrangements import FARTHEST, USUAL, Arranged, narrowest
-from .settings import ShadowSettings, map_sizes
+from .settings import ShadowSettings, changed, map_sizes
 
 __all__ = ["Expected", "Forecaster", "Missed", "rest_of", "sides_of"]
 
@@ -393,7 +393,7 @@ class Forecaster:
         key, _ = self._key(settings)
         if key not in self._loads:
             if settings.turned or settings.warp != "none":
-                self._loads[key] = self.load(settings.replace(turned=False, warp="none"))
+                self._loads[key] = self.load(changed(settings, turned=False, warp="none"))
             else:
                 self._loads[key] = self.signals.views[0].casters.load(self._taken(0, settings))
         return self._loads[key]
@@ -402,9 +402,8 @@ class Forecaster:
         """What an arrangement of windows makes of one view."""
         key = number, self._key(settings)
         if key not in self._known:
-            if any(getattr(settings, name) != value for name, value in SUPPOSED.items()):
-                settings = settings.replace(**SUPPOSED)
-            self._known[key] = Arranged(self.signals.views[number], settings, self._scene)
+            supposed = changed(settings, **SUPPOSED)
+            self._known[key] = Arranged(self.signals.views[number], supposed, self._scene)
         return self._known[key]
 
     def _key(self, settings):
