@@ -5,7 +5,6 @@
  * each map.
  */
 #include <float.h>
-#include <stdlib.h>
 
 #include "linalg.h"
 
