@@ -15,7 +15,7 @@ from .budgets import corrected, frame_times
 from .cascades import check_kinds
 from .director_report import ACTIONS, DirectorReport, Look
 from .errors import ContextError
-from .plans import DEFAULT_OUTPUTS
+from .plans import DEFAULT_OUTPUTS, map_bytes
 from .recommendation import checked_goal, is_exact_goal, recommend_from
 from .renderer import Renderer, Walk, check_renderer
 from .spaces import as_number, as_whole
@@ -348,7 +348,9 @@ class Director:
 
     def _after_miss(self, found, held):
         """What takes the place of settings that miss the goal."""
-        reason = f"those held miss the goal ({100 * held.error:.2g} %, {held.ms:.3g} ms)"
+        reason = f"those held miss the goal ({100 * held.error:.2g} %, {held.ms:.3g} ms"
+        bounded = self._goal["max_bytes"] is not None
+        reason += f", {map_bytes(self.settings)} bytes)" if bounded else ")"
         if not found.met:
             return self._nearer(found, held, reason)
         soon = len(self._decisions) - self._chosen < SOON
@@ -358,11 +360,19 @@ class Director:
 
     def _nearer(self, found, held, reason):
         """What takes the place of settings that miss the goal where every other does, too."""
-        budget = self._goal["budget_ms"]
+        reason = f"{reason}, as does every other"
+        budget, most = self._goal["budget_ms"], self._goal["max_bytes"]
+        held_bytes = map_bytes(self.settings)
+        # error and time are approached; bytes are there or not, and nothing is worth more of them
+        if most is not None and held_bytes != found.map_bytes:
+            if held_bytes > max(most, found.map_bytes):
+                return found.settings, f"{reason}: the new ones take fewer bytes"
+            if found.map_bytes > max(most, held_bytes):
+                self._streak = 0
+                return None, f"{reason}; the new ones take more bytes"
         late = budget is not None and held.ms > budget
         was, now = (held.ms, found.expected_ms) if late else (held.error, found.expected_error)
         self._streak = self._streak + 1 if now < (1.0 - self._margin) * was else 0
-        reason = f"{reason}, as does every other"
         if self._streak >= self._wait:
             return found.settings, f"{reason}: the new ones are nearer"
         if self._streak:

@@ -119,9 +119,9 @@ def run_recommend(options):
         if options.verify:
             with progress.stage("turning every decision round"):
                 proof = found.verify(renderer=renderer)
+    exported = {engine: found.export(engine) for engine in exports}
     if out is not None:
         found.save(out)
-    exported = {engine: found.export(engine) for engine in exports}
     for engine, path in exports.items():
         if path is not None:
             exported[engine].write(path)

@@ -179,6 +179,8 @@ class Recommendation(Recorded):
         if wrong is not None:
             raise TypeError(f"others must be csm.Recommendation (got {wrong!r})")
         best = finest if is_exact_goal(self.goal) else cheapest
+        for one in others:  # also where nothing here meets the goal, and none is asked
+            one._measured()
         for one in sorted(self._measured().candidates(self._model), key=best):
             if all(place.forecast(one.settings).met for place in (self, *others)):
                 return one.settings
@@ -500,7 +502,11 @@ def obstacle_of(search, chosen, model, goal):
     budget, limit, most = goal["budget_ms"], goal["max_error"], goal["max_bytes"]
     least = map_bytes(chosen.settings)
     if most is not None and least > most:
-        return f"map_size: the smallest maps alone take {least} bytes, max_bytes are {most:g}"
+        deep = chosen.settings.depth_format == "d32f" and least <= 2 * most
+        effect, depths = (
+            ("depth_format", " at the 32 bits called for") if deep else ("map_size", "")
+        )
+        return f"{effect}: the smallest map takes {least} bytes{depths}, max_bytes is {most:.15g}"
     if budget is not None and chosen.ms > budget:
         maps, others = model.parts(chosen.settings, search.forecaster)
         what = (

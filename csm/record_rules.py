@@ -22,6 +22,8 @@ NOT_NEGATIVE = (
     *("casters", "layers", "needless_chunks", "scene_triangles", "edge_share", "penumbra_pixels"),
     *("penumbra_metres", "depth_span", "origin_distance"),
 )
+#: Of what is expected of the settings, the goal that bounds it.
+GOAL_OF = {"expected_error": "max_error", "expected_ms": "budget_ms", "map_bytes": "max_bytes"}
 ROUNDING = 1e-9  # beyond 1 that a share may be by its sums
 EFFECTS = tuple(row.effect for row in TABLE)
 
@@ -50,11 +52,18 @@ def check_agreement(found):
     for name, (low, high) in GOAL_RANGES.items():
         if found["goal"][name] is not None:
             _check_range(f"goal.{name}", found["goal"][name], low, high)
-    if found["met"] != (found["obstacle"] is None):
+    if found["met"] != (found["obstacle"] is None) or found["obstacle"] == "":
         raise ValueError(
             "obstacle must say what is in the way where met is false, and be left out where it is "
             f"true (got met {found['met']}, obstacle {found['obstacle']!r})"
         )
+    for name, limit in GOAL_OF.items():
+        most = found["goal"][limit]
+        if found["met"] and most is not None and found[name] > most:
+            raise ValueError(
+                f"met must be false where {name} exceeds goal.{limit} "
+                f"(got {found[name]} and {most})"
+            )
     _check_signals(found["signals"])
     _check_reasons(found["reasons"], found["settings"])
 

@@ -1,5 +1,6 @@
 """Along a path: settings that stay do not flicker, maps that stay are told of and counted."""
 
+import math
 from itertools import pairwise
 
 import numpy as np
@@ -10,6 +11,7 @@ from paths import SIZE, path, step
 import csm
 from csm.budgets import corrected
 from csm.costs import CostModel
+from csm.plans import map_bytes
 
 SUN = csm.Sun((0.35, 0.8, 0.5))
 MASK = ("mask",)
@@ -91,6 +93,24 @@ def test_where_nothing_reaches_the_goal_they_do_not_flicker_either(renderer, goa
         for _ in range(6):  # but where the camera stays, the nearest is taken
             there = views[1].replace(eye=views[1].eye + director.report().frames * 0.1)
             director.render(there, scene.suns["noon"], outputs=MASK)
+
+
+@pytest.mark.parametrize("goal", [{}, {"max_error": 0.0}, {"budget_ms": 1e6}])
+def test_what_breaks_the_bytes_gives_way_at_once_and_nothing_that_fits_to_it(renderer, goal):
+    scene = csm.scenes.plane_and_box()
+    camera = next(iter(scene.cameras.values())).replace(size=SIZE)
+    most = 140_000  # one map of 16 bits; square to the sun, what is flat is given 32
+    held = []
+    with csm.Director(scene, max_bytes=most, renderer=renderer, **goal) as director:
+        for degrees in (0.0, 15.0, 0.0, 15.0, 0.0):
+            angle = math.radians(degrees)
+            sun = csm.Sun((math.sin(angle), math.cos(angle), 0.0))
+            director.render(camera, sun, outputs=MASK)
+            held.append((map_bytes(director.settings), director.recommendation.map_bytes))
+        reasons = [one.reason for one in director.report().decisions]
+    assert [found for _, found in held] == [262_144, 131_072] * 2 + [262_144]
+    assert [kept for kept, _ in held] == [262_144] + 4 * [131_072]
+    assert "262144 bytes)" in reasons[1]
 
 
 def test_settings_that_miss_the_goal_are_left_and_cheaper_ones_taken_with_patience(
@@ -311,6 +331,10 @@ def test_forecast_of_what_was_recommended_is_its_own(renderer, boundary):
     read = csm.Recommendation.from_json(found[0].to_json())
     with pytest.raises(ValueError, match="read from a file forecasts no other settings"):
         read.forecast(both)
+    missed = csm.recommend(scene, near, BOX_SUN, max_bytes=1, renderer=renderer)
+    for one in (found[0], missed):
+        with pytest.raises(ValueError, match="read from a file forecasts no other settings"):
+            one.meeting(read)
 
 
 # -- under a budget --------------------------------------------------------------------------------

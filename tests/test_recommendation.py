@@ -273,8 +273,10 @@ def test_bytes_that_hold_no_map_give_the_smallest_and_say_so(renderer, box, goal
     assert found.settings.cascade_count == 1
     assert found.map_bytes == SMALLEST**2 * {"d16": 2, "d32f": 4}[found.settings.depth_format]
     assert found.obstacle.startswith("map_size: ")
-    assert f"{found.map_bytes} bytes, max_bytes are 1000" in found.obstacle
+    assert f"{found.map_bytes} bytes, max_bytes is 1000" in found.obstacle
     assert not found.forecast(found.settings).met
+    halves = csm.recommend(box, view(), NOON, max_bytes=140_000, renderer=renderer)
+    assert halves.obstacle.startswith("depth_format: "), "16 bits would fit"
     dark = csm.recommend(box, view(), csm.Sun((0, -1, 0)), max_bytes=1, renderer=renderer)
     assert dark.met
     assert dark.map_bytes == 0

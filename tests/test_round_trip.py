@@ -313,6 +313,24 @@ def test_settings_of_a_recommendation_are_read_from_its_file(tmp_path, found):
         (lambda v: v.update(expected_ms="nan"), ValueError, ["expected_ms", "nan"]),
         (lambda v: v["goal"].update(max_error=2.0), ValueError, ["goal.max_error", "2", "1"]),
         (lambda v: v.update(met=True), ValueError, ["obstacle", "met True"]),
+        (lambda v: v.update(obstacle=""), ValueError, ["obstacle", "met False"]),
+        (
+            lambda v: v.update(met=True, obstacle=None),
+            ValueError, ["met must be false", "expected_error", "goal.max_error"],
+        ),
+        (
+            lambda v: v.update(
+                met=True, obstacle=None,
+                goal=dict(max_error=None, budget_ms=0.5 * v["expected_ms"], max_bytes=None),
+            ),
+            ValueError, ["met must be false", "expected_ms", "goal.budget_ms"],
+        ),
+        (
+            lambda v: v.update(
+                met=True, obstacle=None, goal=dict(max_error=None, budget_ms=None, max_bytes=1)
+            ),
+            ValueError, ["met must be false", "map_bytes", "goal.max_bytes"],
+        ),
         (lambda v: v.update(reasons=[]), ValueError, ["reasons", "empty", "cascade_count"]),
         (
             lambda v: v["reasons"][3].update(effect="sparkle"),
