@@ -7,7 +7,8 @@ import numpy as np
 
 from .decisions import Situation, is_default_split, wanted_format
 from .forecasts import Expected, Missed
-from .settings import ShadowSettings, map_texels
+from .plans import map_bytes
+from .settings import ShadowSettings, changed, map_texels
 
 __all__ = ["Candidate", "Family", "cheapest", "finest"]
 
@@ -92,6 +93,24 @@ class Family:
         return squares.sum(axis=1)
 
     @property
+    def map_bytes(self):
+        """Of all maps (k,); those of one format go with texels, but for what an atlas leaves."""
+        rows = range(len(self.sizes))
+        if self.sizes.ndim == 2:
+            return np.array([self._bytes_of(row) for row in rows])
+        formats = self.changes.get("depth_format", ["none"])
+        texels = self.texels
+        firsts = {name: formats.index(name) for name in set(formats)}
+        a_texel = {name: self._bytes_of(row) / texels[row] for name, row in firsts.items()}
+        return np.round(texels * [a_texel[name] for name in formats]).astype(np.int64)
+
+    def _bytes_of(self, row):
+        return map_bytes(changed(self.arranged, **self._changes_of(row)))
+
+    def _changes_of(self, row):
+        return {name: values[row] for name, values in self.changes.items()}
+
+    @property
     def effects(self):
         """How many effects they take that plain maps do without."""
         settings = self.arranged
@@ -104,7 +123,7 @@ class Family:
 
     def candidate(self, row, expected, ms):
         """One of them, with what is expected of it and its cost."""
-        changes = {name: values[row] for name, values in self.changes.items()}
+        changes = self._changes_of(row)
         return Candidate(
             self.arranged, changes["map_size"], expected.error, float(ms), changes, expected
         )

@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from .verification import table_html, table_text
+from .tables import table_html, table_text
 
 __all__ = ["ACTIONS", "DirectorReport", "Look"]
 

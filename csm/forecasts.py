@@ -193,24 +193,21 @@ class Forecaster:
             self._left_out(settings, sides, filter_size) if soft else 0.0,
         )
 
-    def softness(self, settings, left=None):
+    def softness(self, settings):
         """Mean absolute error of penumbrae under the filter of the settings.
 
         Parameters
         ----------
         settings : ShadowSettings
-        left : float or (k,) float64, optional
-            What the kernel leaves out, if not `left_out`.
 
         Returns
         -------
-        share : float, or (k,) float64
+        share : float
             `penumbra` under hard edges.
         """
         if settings.filter != "pcss":
             return self.penumbra()
-        left = self.left_out(settings) if left is None else left
-        return self._softness(rest_of(settings), left)
+        return self._softness(rest_of(settings), self.left_out(settings))
 
     def _softness(self, rest, left):
         return rest * (self.penumbra() - left) + left

@@ -26,8 +26,9 @@ from .settings import ShadowSettings, maps_text
 from .signals import Signals, measure_signals
 from .spaces import as_number, as_whole
 from .sun import Sun
+from .tables import table_html, table_text
 from .timing import MOST_REPEATS
-from .verification import table_html, table_text, verify
+from .verification import verify
 
 __all__ = ["Forecast", "Reasons", "Recommendation", "recommend"]
 
@@ -37,21 +38,13 @@ class Reasons(tuple):
 
     __slots__ = ()
     _HEADS = ("effect", "", "measured", "threshold", "cost")
+    _MOST = (None, None, 50, 36)  # within 120 columns; what effects cost stands in HTML and files
 
     def _rows(self):
-        return [
-            (
-                r.effect,
-                _shown(r),
-                r.measured,
-                r.threshold,
-                r.cost,
-            )
-            for r in self
-        ]
+        return [(r.effect, _shown(r), r.measured, r.threshold, r.cost) for r in self]
 
     def __str__(self):
-        return table_text(self._HEADS, self._rows())
+        return table_text(self._HEADS[:4], [row[:4] for row in self._rows()], self._MOST)
 
     def _repr_html_(self):
         return table_html(self._HEADS, self._rows())
@@ -161,7 +154,7 @@ class Recommendation(Recorded):
         Parameters
         ----------
         *others : Recommendation
-            Of the same scene and goal, from other places.
+            From other places; each is asked about its own scene and goal.
 
         Returns
         -------
@@ -375,7 +368,8 @@ def recommend(scene, camera, sun, *, max_error=None, budget_ms=None, max_bytes=N
         two runs may choose otherwise; without it nothing depends on time, and the same input on
         the same driver gives the same recommendation.
     max_bytes : int, optional
-        Of the shadow maps: nothing larger is considered, unless nothing is as small.
+        Of the shadow maps: nothing larger is considered. Where not one map fits, the smallest is
+        the nearest.
     renderer : Renderer, optional
         One of its own by default.
 
@@ -518,7 +512,8 @@ def obstacle_of(search, chosen, model, goal):
     if budget is None and limit is None and not search.forecast(chosen.settings, model).met:
         full = "everything switched on"
         what = f"map_size: {full} is forecast to gain more than the knee allows"
-        return f"{what}, and finer maps exceed {'max_bytes' if most else 'the limits'}"
+        binds = "max_bytes" if _bytes_bind(search, goal) else "the limits"
+        return f"{what}, and finer maps exceed {binds}"
     return None
 
 
@@ -536,9 +531,14 @@ def _error_obstacle(search, chosen, model, goal):
     # what holds finer maps back is what rules out candidates that are more exact
     if goal["budget_ms"] and search.least_error() < chosen.error:
         return f"{what}, and finer maps exceed budget_ms"
-    if goal["max_bytes"] and goal["max_bytes"] < search.most_bytes:
+    if _bytes_bind(search, goal):
         return f"{what}, and finer maps exceed max_bytes"
     return f"{what}, with the largest maps"
+
+
+def _bytes_bind(search, goal):
+    """Whether ``max_bytes`` rule out maps that would be considered."""
+    return goal["max_bytes"] is not None and goal["max_bytes"] < search.most_bytes
 
 
 def _shown(reason):

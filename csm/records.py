@@ -34,7 +34,7 @@ GOALS = tuple(GOAL_RANGES)
 REASON_KEYS = tuple(field.name for field in fields(Reason))
 CAMERA_KEYS = tuple(field.name for field in fields(Camera))
 SUN_KEYS = ("to_light", "angular_diameter_deg")
-SIGNAL_FIELDS = {f.name: f.type for f in fields(Signals) if f.name not in ("views", "renders_ms")}
+SIGNAL_FIELDS = {f.name: f.type for f in fields(Signals) if f.name != "views"}
 
 
 def plain_values(recommendation):

@@ -236,9 +236,7 @@ class Search:
         most = self.goal["max_bytes"]
         if most is None:
             return np.ones(len(self._places), bool)
-        nothing = np.zeros(len(self._places))
-        every = (self._candidate(at, nothing) for at in range(len(nothing)))
-        sizes = np.array([map_bytes(one.settings) for one in every])
+        sizes = np.concatenate([one.map_bytes for one in self.families])
         return sizes <= max(most, sizes.min())
 
     def _costs(self, model):
@@ -399,7 +397,7 @@ class Search:
         )
         every = [settings]
         if signals.orthographic:
-            every = [changed(settings, split="uniform")]
+            every = [self._selected(changed(settings, split="uniform"))]
         elif count > 1:
             every = self._split(settings)
         # more maps that save nothing are considered where finer ones are wanted than a map can be

@@ -7,7 +7,7 @@ settings would make of that, `csm.forecasts` works out.
 
 import math
 from concurrent.futures import ThreadPoolExecutor
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -272,7 +272,6 @@ class Signals:
     back_gain: float
     lit_area: float
     scene_triangles: int
-    renders_ms: dict = field(default_factory=dict, repr=False)
 
     @property
     def pixels(self):
@@ -281,11 +280,11 @@ class Signals:
         return width * height
 
     def to_dict(self):
-        """Return the numbers as plain values, without the views and without times."""
+        """Return the numbers as plain values, without the views."""
         plain = {}
         for name in self.__dataclass_fields__:
             value = getattr(self, name)
-            if name not in ("views", "renders_ms"):
+            if name != "views":
                 plain[name] = value.tolist() if isinstance(value, np.ndarray) else value
         return plain
 
@@ -309,14 +308,14 @@ def measure_signals(renderer, scene, cameras, suns):
     """
     last = max(len(cameras), len(suns)) - 1
     taken = sorted({0, last // 2, last})
-    views, spent, sides = [], {}, []
+    views, sides = [], []
     with ThreadPoolExecutor(READERS) as beside:
         for number in taken:
             camera, sun = cameras[min(number, len(cameras) - 1)], suns[min(number, len(suns) - 1)]
-            view, seen = _look(renderer, scene, camera, sun, spent, beside)
+            view, seen = _look(renderer, scene, camera, sun, beside)
             sides.append(seen)
             views.append(view)
-    return _summary(scene, tuple(views), cameras, suns, sides, spent)
+    return _summary(scene, tuple(views), cameras, suns, sides)
 
 
 def coarse_camera(camera):
@@ -337,7 +336,7 @@ def _coarse_size(camera):
     return tuple(max(1, round(side / shrink)) for side in camera.size)
 
 
-def _look(renderer, scene, camera, sun, spent, beside):
+def _look(renderer, scene, camera, sun, beside):
     """Render one view coarsely and read it, the one beside the other."""
     axes = light_gradients(sun)
     sample = begin(beside, sample_casters, scene, axes)
@@ -347,17 +346,10 @@ def _look(renderer, scene, camera, sun, spent, beside):
     frame = renderer.render(scene, small, sun, probe, outputs=PROBE_OUTPUTS)
     look = look_at_pixels(frame, sun, PROBE.cascade_count)
 
-    def spend(timed):
-        for name, ms in timed.timings_ms.items():
-            spent[name] = spent.get(name, 0.0) + ms
-
-    spend(frame)
-
     def again(finer=1, **changes):
         settings = probe.replace(map_size=finer * PROBE.map_size, **changes)
         # what the camera sees stays, so that maps alone are drawn anew
         other = renderer.render(scene, small, sun, settings, outputs=("mask",), reuse="same")
-        spend(other)
         return other.mask >= LIT
 
     casters = sample.result()
@@ -377,7 +369,6 @@ def _look(renderer, scene, camera, sun, spent, beside):
     ends, part, outline = outlined.result()
     if part is not None:
         fine = renderer.render(scene, part, sun, HORIZON, outputs=HORIZON_OUTPUTS)
-        spend(fine)
         pictures = [*plain, (part, fine.view_depth, facing_of(fine, sun))]
         outline = outline_of(pictures, ends, axes)
     outline = _ordered({"point": outline}, outline @ -camera.backward)["point"]
@@ -442,7 +433,7 @@ def _casters(casters, frame, look):
     )
 
 
-def _summary(scene, views, cameras, suns, sides, spent):
+def _summary(scene, views, cameras, suns, sides):
     """Gather the views' numbers."""
     first = views[0]
 
@@ -501,7 +492,6 @@ def _summary(scene, views, cameras, suns, sides, spent):
         back_gain=min((one.gain for one in sides if one.back > FACES_SHARE), default=0.0),
         lit_area=max(one.lit_area for one in sides),
         scene_triangles=int(scene.triangle_count),
-        renders_ms=spent,
     )
 
 

@@ -9,10 +9,11 @@ from .metrics import compare
 from .motion import flicker
 from .sampling import NO_CASCADE
 from .settings import ShadowSettings
+from .tables import table_html, table_text
 from .timing import all_in_turns, total_ms, warm_up_s
 from .tracing import truth
 
-__all__ = ["Row", "Verification", "everything_on", "table_text", "verify"]
+__all__ = ["Row", "Verification", "everything_on", "verify"]
 
 SHARE = 0.01  # of the error: a change below it is none
 FLOOR = 1e-5  # of the judged pixels: two of a million-pixel picture that change with anything
@@ -145,31 +146,6 @@ def _cells(row):
         f"{row.bytes / 1e6:.1f}",
         f"{verdict}: {row.why}" if row.why else verdict,
     )
-
-
-def table_text(heads, rows):
-    """Lay rows of text out under heads, columns apart by two spaces."""
-    lines = [heads, *rows]
-    widths = [max(len(line[k]) for line in lines) for k in range(len(heads))]
-    return "\n".join(
-        "  ".join(cell.ljust(width) for cell, width in zip(line, widths, strict=True)).rstrip()
-        for line in lines
-    )
-
-
-def table_html(heads, rows):
-    """Lay rows of text out as an HTML table."""
-    from html import escape
-
-    def line(cells, tag):
-        return (
-            "<tr>"
-            + "".join(f'<{tag} style="text-align:left">{escape(c)}</{tag}>' for c in cells)
-            + "</tr>"
-        )
-
-    body = "".join(line(row, "td") for row in rows)
-    return f"<table><thead>{line(heads, 'th')}</thead><tbody>{body}</tbody></table>"
 
 
 def everything_on(sun, soft_size=33, *, camera=None):

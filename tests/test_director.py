@@ -2,6 +2,7 @@
 
 import math
 from itertools import pairwise
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -12,6 +13,7 @@ import csm
 from csm.budgets import corrected
 from csm.costs import CostModel
 from csm.plans import map_bytes
+from csm.search import Forecast
 
 SUN = csm.Sun((0.35, 0.8, 0.5))
 MASK = ("mask",)
@@ -90,9 +92,13 @@ def test_where_nothing_reaches_the_goal_they_do_not_flicker_either(renderer, goa
             held.append(director.settings)
         assert len(director.report().decisions) == 8
         assert len(set(held)) == 1
-        for _ in range(6):  # but where the camera stays, the nearest is taken
-            there = views[1].replace(eye=views[1].eye + director.report().frames * 0.1)
-            director.render(there, scene.suns["noon"], outputs=MASK)
+        # but where the camera stays about there, the nearest is taken
+        aside = 0.1 * np.linalg.norm(np.ptp(scene.bounds.reshape(2, 3), axis=0))
+        director.render(
+            views[1].translated(aside * views[1].right), scene.suns["noon"], outputs=MASK
+        )
+        assert director.report().decisions[-1].reason.endswith("the new ones are nearer")
+        assert director.settings not in held
 
 
 @pytest.mark.parametrize("goal", [{}, {"max_error": 0.0}, {"budget_ms": 1e6}])
@@ -111,6 +117,67 @@ def test_what_breaks_the_bytes_gives_way_at_once_and_nothing_that_fits_to_it(ren
     assert [found for _, found in held] == [262_144, 131_072] * 2 + [262_144]
     assert [kept for kept, _ in held] == [262_144] + 4 * [131_072]
     assert "262144 bytes)" in reasons[1]
+
+
+class Told:
+    """A recommendation of settings by their size, of which some meet the goal where it was made."""
+
+    def __init__(self, size, *good):
+        self.settings = csm.ShadowSettings(cascade_count=1, map_size=size)
+        told = self.forecast(self.settings, good)
+        self.good, self.met = good, told.met
+        self.expected_error, self.expected_ms = told.error, told.ms
+        self.map_bytes = map_bytes(self.settings)
+        self.signals = SimpleNamespace(sun_moves=False)
+
+    def forecast(self, settings, good=None):
+        size, good = settings.map_size, self.good if good is None else good
+        return Forecast(1.0 / size, float(size), size in good)
+
+    def meeting(self, other):
+        both = [size for size in self.good if size in other.good]
+        return csm.ShadowSettings(cascade_count=1, map_size=min(both)) if both else None
+
+
+def sizes_held(monkeypatch, renderer, told, **goal):
+    """Sizes of the maps that a director holds, frame by frame, where a look finds what is told."""
+    every = iter(told)
+    monkeypatch.setattr("csm.director.recommend_from", lambda *a, **k: next(every))
+    monkeypatch.setattr(csm.Director, "_costs", lambda self: None)
+    held = []
+    goal = goal or {"max_error": 0.1}
+    with csm.Director(csm.scenes.plane_and_box(), renderer=renderer, **goal) as director:
+        for number in range(len(told)):
+            director.render(view(1.0 + 0.5 * (number % 2)), BOX_SUN, outputs=MASK)
+            held.append(director.settings.map_size)
+        assert len(director.report().decisions) == len(told), "every frame is another place"
+    return held
+
+
+def test_what_follows_a_choice_that_was_soon_missed_meets_the_goal_at_both_places(
+    monkeypatch, renderer
+):
+    one, other = Told(64, 64, 96), Told(32, 32, 96)
+    assert sizes_held(monkeypatch, renderer, [one, other]) == [64, 96]
+    late = [one] * 11 + [other]  # it has served long enough
+    assert sizes_held(monkeypatch, renderer, late) == [64] * 11 + [32]
+
+
+def test_no_gain_is_worth_bytes_that_are_not_there(monkeypatch, renderer):
+    small, large = Told(64), Told(128)  # 16384 and 65536 bytes; half the error, and no goal met
+    assert sizes_held(monkeypatch, renderer, [small] + 5 * [large], max_bytes=20_000) == 6 * [64]
+    assert sizes_held(monkeypatch, renderer, [large, small], max_bytes=20_000) == [128, 64]
+    assert sizes_held(monkeypatch, renderer, [large, small], max_bytes=20) == [128, 64]
+    free = sizes_held(monkeypatch, renderer, [small] + 3 * [large], max_bytes=200_000)
+    assert free == [64, 64, 128, 128]
+
+
+def test_after_a_miss_cheaper_settings_must_be_so_for_longer(monkeypatch, renderer):
+    one, other, cheap = Told(64, 64, 96), Told(32, 32, 96), Told(16, 16, 64, 96)
+    calm = sizes_held(monkeypatch, renderer, [one] + 3 * [cheap])
+    assert calm == [64, 64, 16, 16], "in two looks in a row"
+    missed = sizes_held(monkeypatch, renderer, [one, other] + 5 * [cheap])
+    assert missed == [64, 96, 96, 96, 96, 16, 16], "in four"
 
 
 def test_settings_that_miss_the_goal_are_left_and_cheaper_ones_taken_with_patience(

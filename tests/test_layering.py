@@ -175,8 +175,8 @@ def test_two_shaders_choose_the_filter():
 
 # Each module may import those before it, never one after it: the order of the data.
 ORDER = [
-    "errors", "tasks", "spaces", "camera", "sun", "cutouts", "mesh", "instances", "elevation",
-    "scene",
+    "errors", "tables", "tasks", "spaces", "camera", "sun", "cutouts", "mesh", "instances",
+    "elevation", "scene",
     "shapes", "plants", "streets", "landscapes", "scenes", "gltf", "materials", "animation",
     "loading", "formats", "settings", "splits", "matrices", "cascades", "plans", "frame", "stages",
     "renderer", "embree", "disc", "tracing", "digests", "footprints", "sampling", "causes",

@@ -5,13 +5,14 @@ import importlib
 import json
 import math
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 import csm
 from csm import cli, shapes, verification
-from csm.decisions import SMALLEST, TABLE, Situation
+from csm.decisions import SMALLEST, TABLE, Situation, wanted_format
 from csm.forecasts import DISC, Forecaster
 from csm.plans import map_bytes
 from csm.recommendation import Reasons
@@ -49,8 +50,10 @@ def box():
 # -- scenes that call for little -------------------------------------------------------------------
 
 
-def test_plain_at_noon_takes_one_small_hard_map(renderer):
-    found = csm.recommend(plane(), view(), NOON, renderer=renderer)
+@pytest.mark.parametrize("diameter", [0.0, 0.53, 6.0])
+def test_plain_at_noon_takes_one_small_hard_map(renderer, diameter):
+    sun = csm.Sun(NOON.to_light, diameter)
+    found = csm.recommend(plane(), view(), sun, renderer=renderer)
     assert (found.settings.cascade_count, found.settings.filter) == (1, "hard")
     assert found.settings.map_size == 256
     assert found.signals.edge_share == 0.0
@@ -150,6 +153,17 @@ def test_sixteen_bits_only_where_their_step_is_below_the_bias(renderer, box):
     )
     far = csm.recommend(tower, path, sun, renderer=renderer)
     assert far.settings.depth_format == "d32f"
+
+
+@pytest.mark.parametrize("slope", [0.1, 3.0])
+def test_the_step_of_sixteen_bits_is_compared_with_a_quarter_texel_of_slope(slope):
+    span = 0.25 * 0.01 * slope * 65535.0  # metres, over which that is one step
+    at = SimpleNamespace(
+        settings=csm.ShadowSettings(),
+        signals=SimpleNamespace(depth_span=span, bias_slope=slope),
+        finest_texel=lambda sizes, kernels: np.array([1.01, 0.99]) * 0.01,
+    )
+    assert wanted_format(at, [1000, 1020]) == ["d16", "d32f"]
 
 
 # -- signals ---------------------------------------------------------------------------------------
@@ -277,6 +291,9 @@ def test_bytes_that_hold_no_map_give_the_smallest_and_say_so(renderer, box, goal
     assert not found.forecast(found.settings).met
     halves = csm.recommend(box, view(), NOON, max_bytes=140_000, renderer=renderer)
     assert halves.obstacle.startswith("depth_format: "), "16 bits would fit"
+
+
+def test_no_maps_are_within_any_bytes(renderer, box):
     dark = csm.recommend(box, view(), csm.Sun((0, -1, 0)), max_bytes=1, renderer=renderer)
     assert dark.met
     assert dark.map_bytes == 0
@@ -365,8 +382,12 @@ def test_reasons_say_what_was_measured(renderer, box):
     found = csm.recommend(box, view(), csm.Sun((1, 1, 0)), renderer=renderer)
     assert [reason.effect for reason in found.reasons] == [row.effect for row in TABLE]
     text = str(found.reasons)
-    assert len(text.splitlines()) == len(TABLE) + 1
-    assert all(reason.measured in text for reason in found.reasons)
+    lines = text.splitlines()
+    assert len([line for line in lines if not line.startswith(" ")]) == len(TABLE) + 1
+    assert max(map(len, lines)) <= 120
+    column = slice(lines[0].index("measured"), lines[0].index("threshold"))
+    measured = " ".join(line[column].strip() for line in lines)
+    assert all(reason.measured in measured for reason in found.reasons)
     assert "<table>" in found._repr_html_()
     assert found._repr_html_().count("<tr>") == len(TABLE) + 1
     restored = json.loads(json.dumps(found.to_dict()))
@@ -562,6 +583,34 @@ def test_command_prints_the_table(capsys):
     assert "goal not met" in capsys.readouterr().out
     assert cli.main([*words, "--max-error", "2"]) == 2
     assert "max_error" in capsys.readouterr().err
+
+
+def row_of(taken, error):
+    return verification.Row(
+        "warp", taken, csm.ShadowSettings(), error=error, flicker=float("nan"), ms=9.0,
+        ms_least=9.0, bytes=1000, triangles=50, maps_ms=8.0,
+    )  # fmt: skip
+
+
+@pytest.mark.parametrize(
+    ("taken", "change", "held", "strictly"),
+    [
+        (True, 0.011, True, True),
+        (True, 0.009, False, False),
+        (True, -0.011, False, False),
+        (False, 0.009, True, True),
+        (False, -0.009, True, True),
+        (False, 0.011, True, False),  # it makes the picture worse: left out with reason
+        (False, -0.011, False, False),
+    ],
+)
+def test_what_matters_is_a_hundredth_of_the_error(taken, change, held, strictly):
+    class Reason:
+        effect, saves = "warp", False
+
+    Reason.taken = taken
+    ours, other = row_of(taken, 0.02), row_of(taken, 0.02 * (1.0 + change))
+    assert verification._verdict(Reason, ours, other, False)[:2] == (held, strictly)
 
 
 def test_what_is_taken_to_save_must_save():

@@ -324,6 +324,17 @@ def test_obstacle_is_what_binds(renderer, box, goal, held):
     assert held in found.obstacle
 
 
+@pytest.mark.parametrize(("most", "held"), [(1e12, "the limits"), (1 << 18, "max_bytes")])
+def test_bytes_that_do_not_bind_are_not_blamed_at_the_knee(renderer, most, held):
+    """A driver that holds no map above 512²."""
+    scene = csm.scenes.town(5000)
+    camera, sun = scene.cameras["street"].replace(size=(320, 180)), scene.suns["noon"]
+    goal = {"max_error": None, "budget_ms": None, "max_bytes": most}
+    search = Search(measure_signals(renderer, scene, [camera], [sun]), scene, goal, 512)
+    chosen = search.choose(CostModel())
+    assert obstacle_of(search, chosen, CostModel(), goal).endswith(f"finer maps exceed {held}")
+
+
 def test_time_that_holds_finer_maps_back_is_named_beside_bytes_that_do_not(renderer, box):
     """By forecasts alone: a budget between the dearest candidate and the cheapest."""
     sun, goal = csm.Sun((1, 1, 0)), {"max_error": 0.0, "budget_ms": None, "max_bytes": 1 << 40}

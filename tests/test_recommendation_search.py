@@ -12,6 +12,7 @@ from csm import shapes
 from csm.arguments import find_cameras
 from csm.costs import GPU, CostModel, cost_model_of, forecast_cost
 from csm.forecasts import Forecaster
+from csm.plans import map_bytes
 from csm.search import Search
 from csm.signals import measure_signals
 from csm.verification import picture_error
@@ -60,11 +61,58 @@ def test_what_means_nothing_under_a_warp_is_not_recommended(renderer, road):
         assert not settings.turned
 
 
-def test_no_warp_in_motion(renderer, road):
-    scene, camera, sun = road
-    path = [camera, camera.translated(0.1 * camera.right)]
-    found = csm.recommend(scene, path, sun, renderer=renderer)
-    assert found.settings.warp == "none"
+@pytest.mark.parametrize(
+    ("name", "camera", "sun"), [("wires", "under", "noon"), ("stairs", "foot", "along")]
+)
+def test_what_cannot_be_snapped_is_never_considered_in_motion(renderer, name, camera, sun):
+    scene = csm.scenes.SCENES[name]()
+    camera, sun = scene.cameras[camera].replace(size=SIZE), scene.suns[sun]
+    loose = {}
+    for moves in (False, True):
+        path = [camera, camera.translated(0.1 * camera.right)][: 1 + moves]
+        signals = measure_signals(renderer, scene, path, [sun])
+        every = [one.arranged for one in Search(signals, scene, NO_GOAL, 16384).families]
+        loose[moves] = [one for one in every if one.turned or one.warp != "none"]
+    assert loose[False], "nor is there anything to leave out, else"
+    assert not loose[True]
+
+
+@pytest.mark.parametrize(("camera", "sun"), [("street", "noon"), ("oblique", "afternoon")])
+@pytest.mark.parametrize("needless", [0, 3])
+def test_culling_and_selection_are_taken_where_they_spare_something(
+    renderer, camera, sun, needless
+):
+    scene = csm.scenes.town(5000)
+    camera, sun = scene.cameras[camera].replace(size=SIZE), scene.suns[sun]
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    signals = dataclasses.replace(signals, needless_chunks=needless)
+    search, taken = Search(signals, scene, NO_GOAL, 16384), set()
+    for family in search.families:
+        settings = family.arranged
+        if settings.cascade_count == 1 or settings.warp != "none":
+            assert settings.cull == "inclusive", "no map is finer, or its windows say nothing"
+            continue
+        assert settings.cull == ("exclusive" if needless else "inclusive")
+        by_map, by_depth = (
+            search.forecaster.aliasing(settings.replace(select=select, cull="inclusive"))
+            for select in ("map", "interval")
+        )
+        gains = by_map < 0.99 * by_depth
+        assert settings.select == ("map" if needless or gains else "interval")
+        taken.add(settings.select)
+    assert "map" in taken
+
+
+def test_bytes_of_many_sizes_are_those_of_each(renderer):
+    scene = csm.scenes.SCENES["fence"]()
+    camera, sun = scene.cameras["along"].replace(size=SIZE), scene.suns["across"]
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    search = Search(signals, scene, NO_GOAL, 16384)
+    told = [size for family in search.families for size in family.map_bytes.tolist()]
+    every = search.candidates(CostModel())
+    assert told == [map_bytes(one.settings) for one in every]
+    assert {one.settings.storage for one in every} == {"array", "atlas"}
+    assert {one.settings.depth_format for one in every} == {"d16", "d32f"}
 
 
 @pytest.fixture(scope="module")
