@@ -46,7 +46,8 @@ class Director:
     scene : Scene
     settings : ShadowSettings, optional
         Fixed ones. Without them `recommend` chooses, for a camera in motion, by the goal.
-    max_error, budget_ms, max_bytes : float, optional
+    max_error, budget_ms : float, optional
+    max_bytes : int, optional
         The goal, as `recommend` takes it; none is the knee. Not with `settings`.
     renderer : Renderer, optional
         One of its own by default. What others render with it in between costs the kept maps.

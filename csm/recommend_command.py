@@ -78,7 +78,12 @@ def add_recommend_options(command):
         help="cheapest settings whose forecast error is at most this share, 0 to 1",
     )
     add("--budget-ms", metavar="MS", type=float, help="best settings within this time here")
-    add("--max-bytes", metavar="N", type=float, help="bytes of shadow maps, at most")
+    add(
+        "--max-bytes",
+        metavar="N",
+        type=float,
+        help="bytes of shadow maps, at most; where not one map fits, the smallest is the nearest",
+    )
     add("--verify", action="store_true", help="turn every decision round and judge by the truth")
     add("--json", action="store_true", help="print everything as JSON")
     add(

@@ -1,6 +1,6 @@
 """What a scene, seen by a camera under a sun, asks of its shadows: measured on coarse renders.
 
-Nothing is traced. One to six frames of a quarter of the picture's width and height with small
+Nothing is traced. One to five frames of a quarter of the picture's width and height with small
 maps say where shadow edges are, how far their occluders are, how surfaces stand to the sun; what
 settings would make of that, `csm.forecasts` works out.
 """
