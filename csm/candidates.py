@@ -98,7 +98,7 @@ class Family:
         rows = range(len(self.sizes))
         if self.sizes.ndim == 2:
             return np.array([self._bytes_of(row) for row in rows])
-        formats = self.changes.get("depth_format", ["none"])
+        formats = self.changes.get("depth_format", len(rows) * [None])
         texels = self.texels
         firsts = {name: formats.index(name) for name in set(formats)}
         a_texel = {name: self._bytes_of(row) / texels[row] for name, row in firsts.items()}

@@ -85,10 +85,11 @@ class Director:
     or, of another scene, every 30 frames. It replaces the held settings at once if those are
     forecast to miss the goal and it is not, or if the sun has begun to move and asks for other
     axes; otherwise (and where nothing reaches the goal: it is nearer) only if it is better by
-    `margin` in `patience` looks in a row. Settings that
-    miss the goal within 10 looks of their choice give way to the best that are forecast to meet it
-    at both places, and `patience` counts twofold from then on: a path that goes to and fro across
-    the boundary of two choices does not change them to and fro.
+    `margin` in `patience` looks in a row. Of settings that exceed `max_bytes` those of fewer bytes
+    replace others at once, and never the other way round. Settings that miss the goal within 10
+    looks of their choice give way to the best that are forecast to meet it at both places, and
+    `patience` counts twofold from then on: a path that goes to and fro across the boundary of two
+    choices does not change them to and fro.
 
     Under `budget_ms` only the first look times frames of its own, up to 24 of them. Every
     later one forecasts by what the frames since the last one took, of maps those that were drawn
@@ -336,6 +337,9 @@ class Director:
         gain = _gain(self._goal, held, found)
         if not held.met:
             return self._after_miss(found, held)
+        if not found.met:
+            self._streak = 0
+            return None, "those held meet the goal, the new ones do not"
         axes = found.signals.sun_moves and found.settings.light_basis != self.settings.light_basis
         if axes:
             return found.settings, "the sun has begun to move"

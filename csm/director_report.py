@@ -87,7 +87,7 @@ class DirectorReport:
         return rows
 
     def __str__(self):
-        return f"{self._headline()}\n\n{table_text(self._HEADS, self._rows())}"
+        return f"{self._headline()}\n\n{table_text(self._HEADS, self._rows(), (None, 90))}"
 
     def _repr_html_(self):
         return f"<p>{self._headline()}</p>{table_html(self._HEADS, self._rows())}"

@@ -38,7 +38,7 @@ class Reasons(tuple):
 
     __slots__ = ()
     _HEADS = ("effect", "", "measured", "threshold", "cost")
-    _MOST = (None, None, 50, 36)  # within 120 columns; what effects cost stands in HTML and files
+    _MOST = (None, 14, 50, 36)  # within 120 columns; what effects cost stands in HTML and files
 
     def _rows(self):
         return [(r.effect, _shown(r), r.measured, r.threshold, r.cost) for r in self]
@@ -117,7 +117,7 @@ class Recommendation(Recorded):
         -------
         forecast : Forecast
             Error and milliseconds as `expected_error` and `expected_ms`, and whether the goal is
-            met: with neither goal that of the knee.
+            met: with neither goal that of the knee. What steps of depth leave is not forecast.
 
         Raises
         ------
@@ -293,7 +293,8 @@ class Recommendation(Recorded):
         ------
         TypeError, ValueError
             If a key is missing or unknown, a value is not allowed, or two contradict each other:
-            splits, texels, bytes or a reason's value that are not those of the settings.
+            splits, texels, bytes or a reason's value that are not those of the settings, a goal
+            that is met beside numbers that miss it.
         """
         arguments = read_values(values)
         return cls(**{**arguments, "reasons": Reasons(arguments["reasons"])})
@@ -512,7 +513,7 @@ def obstacle_of(search, chosen, model, goal):
     if budget is None and limit is None and not search.forecast(chosen.settings, model).met:
         full = "everything switched on"
         what = f"map_size: {full} is forecast to gain more than the knee allows"
-        binds = "max_bytes" if _bytes_bind(search, goal) else "the limits"
+        binds = "max_bytes" if search.bytes_bind else "the limits"
         return f"{what}, and finer maps exceed {binds}"
     return None
 
@@ -531,14 +532,9 @@ def _error_obstacle(search, chosen, model, goal):
     # what holds finer maps back is what rules out candidates that are more exact
     if goal["budget_ms"] and search.least_error() < chosen.error:
         return f"{what}, and finer maps exceed budget_ms"
-    if _bytes_bind(search, goal):
+    if search.bytes_bind:
         return f"{what}, and finer maps exceed max_bytes"
     return f"{what}, with the largest maps"
-
-
-def _bytes_bind(search, goal):
-    """Whether ``max_bytes`` rule out maps that would be considered."""
-    return goal["max_bytes"] is not None and goal["max_bytes"] < search.most_bytes
 
 
 def _shown(reason):

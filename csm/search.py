@@ -109,10 +109,9 @@ class Search:
         self._known_costs, self._known_knees = {}, {}
 
     @property
-    def most_bytes(self):
-        """Bytes of the largest maps that are considered where nothing bounds them."""
-        side = int(self._sides[-1])
-        return map_bytes(ShadowSettings(cascade_count=max(COUNTS), map_size=side))
+    def bytes_bind(self):
+        """Whether ``max_bytes`` rule out maps that are considered."""
+        return not self._allowed.all()
 
     def candidates(self, model):
         """All settings that are considered, with forecasts; the rows' answers are in them.

@@ -37,7 +37,7 @@ def _wrapped(cell, limit):
     """Lines of a cell; an empty one has a line, too."""
     if limit is None or len(cell) <= limit:
         return [cell]
-    return textwrap.wrap(cell, limit, break_on_hyphens=False)
+    return textwrap.wrap(cell, limit, break_on_hyphens=False) or [""]
 
 
 def table_html(heads, rows):

@@ -101,22 +101,24 @@ def test_where_nothing_reaches_the_goal_they_do_not_flicker_either(renderer, goa
         assert director.settings not in held
 
 
-@pytest.mark.parametrize("goal", [{}, {"max_error": 0.0}, {"budget_ms": 1e6}])
-def test_what_breaks_the_bytes_gives_way_at_once_and_nothing_that_fits_to_it(renderer, goal):
+@pytest.mark.parametrize("goal", [{}, {"max_error": 0.0}, {"max_error": 0.5}, {"budget_ms": 1e6}])
+@pytest.mark.parametrize("turns", [(0, 15, 0, 15, 0), (15, 0, 15, 0, 15)], ids=["over", "within"])
+def test_what_breaks_the_bytes_gives_way_at_once_and_nothing_that_fits_to_it(renderer, goal, turns):
     scene = csm.scenes.plane_and_box()
     camera = next(iter(scene.cameras.values())).replace(size=SIZE)
     most = 140_000  # one map of 16 bits; square to the sun, what is flat is given 32
     held = []
     with csm.Director(scene, max_bytes=most, renderer=renderer, **goal) as director:
-        for degrees in (0.0, 15.0, 0.0, 15.0, 0.0):
+        for degrees in turns:
             angle = math.radians(degrees)
             sun = csm.Sun((math.sin(angle), math.cos(angle), 0.0))
             director.render(camera, sun, outputs=MASK)
             held.append((map_bytes(director.settings), director.recommendation.map_bytes))
         reasons = [one.reason for one in director.report().decisions]
-    assert [found for _, found in held] == [262_144, 131_072] * 2 + [262_144]
-    assert [kept for kept, _ in held] == [262_144] + 4 * [131_072]
-    assert "262144 bytes)" in reasons[1]
+    found = [131_072 if degrees else 262_144 for degrees in turns]
+    assert [told for _, told in held] == found
+    assert [kept for kept, _ in held] == [found[0]] + 4 * [131_072]
+    assert turns[0] or "262144 bytes)" in reasons[1]
 
 
 class Told:
@@ -170,6 +172,15 @@ def test_no_gain_is_worth_bytes_that_are_not_there(monkeypatch, renderer):
     assert sizes_held(monkeypatch, renderer, [large, small], max_bytes=20) == [128, 64]
     free = sizes_held(monkeypatch, renderer, [small] + 3 * [large], max_bytes=200_000)
     assert free == [64, 64, 128, 128]
+    # a look that finds too much between two that find what is nearer begins anew
+    told = [small, Told(72), large, Told(72), Told(72)]
+    assert sizes_held(monkeypatch, renderer, told, max_bytes=30_000)[-2:] == [64, 72]
+
+
+def test_what_meets_the_goal_gives_way_to_nothing_that_does_not(monkeypatch, renderer):
+    held, missed = Told(80, 80), Told(64)
+    held.good = missed.good = (80,)
+    assert sizes_held(monkeypatch, renderer, [held] + 4 * [missed]) == 5 * [80]
 
 
 def test_after_a_miss_cheaper_settings_must_be_so_for_longer(monkeypatch, renderer):

@@ -296,8 +296,22 @@ def test_bytes_that_hold_no_map_give_the_smallest_and_say_so(renderer, box, goal
     assert found.obstacle.startswith("map_size: ")
     assert f"{found.map_bytes} bytes, max_bytes is 1000" in found.obstacle
     assert not found.forecast(found.settings).met
-    halves = csm.recommend(box, view(), NOON, max_bytes=140_000, renderer=renderer)
-    assert halves.obstacle.startswith("depth_format: "), "16 bits would fit"
+
+
+@pytest.mark.parametrize(
+    ("most", "effect"),
+    [
+        (1000, "map_size"),
+        (131_071, "map_size"),
+        (131_072, "depth_format"),
+        (262_143, "depth_format"),
+    ],
+)
+def test_where_16_bits_would_fit_the_format_is_in_the_way(renderer, box, most, effect):
+    found = csm.recommend(box, view(), NOON, max_bytes=most, renderer=renderer)
+    assert found.settings.depth_format == "d32f"
+    assert found.map_bytes == 262_144
+    assert found.obstacle.startswith(f"{effect}: ")
 
 
 def test_no_maps_are_within_any_bytes(renderer, box):
@@ -383,6 +397,18 @@ def test_table_has_one_row_an_effect():
         assert row.threshold
         assert row.source
         assert row.cost
+
+
+def test_reasons_with_maps_of_many_sizes_are_no_wider(renderer):
+    scene = csm.scenes.SCENES["stairs"]()
+    camera, sun = next(iter(scene.cameras.values())), next(iter(scene.suns.values()))
+    found = csm.recommend(scene, camera.replace(size=SIZE), sun, renderer=renderer)
+    sides = tuple(range(1024, 1024 + 16 * 6, 16))
+    reasons = Reasons(
+        dataclasses.replace(one, value=sides) if one.effect == "map_size" else one
+        for one in found.reasons
+    )
+    assert max(map(len, str(reasons).splitlines())) <= 120
 
 
 def test_reasons_say_what_was_measured(renderer, box):

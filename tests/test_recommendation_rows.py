@@ -23,6 +23,7 @@ from csm.coarse_look import outline_of
 from csm.costs import CostModel, forecast_cost
 from csm.decisions import TABLE, TAPS
 from csm.forecasts import Forecaster
+from csm.plans import map_bytes
 from csm.recommendation import Reasons, obstacle_of
 from csm.search import Search
 from csm.signals import measure_signals
@@ -324,13 +325,16 @@ def test_obstacle_is_what_binds(renderer, box, goal, held):
     assert held in found.obstacle
 
 
-@pytest.mark.parametrize(("most", "held"), [(1e12, "the limits"), (1 << 18, "max_bytes")])
-def test_bytes_that_do_not_bind_are_not_blamed_at_the_knee(renderer, most, held):
-    """A driver that holds no map above 512²."""
+@pytest.mark.parametrize(("spare", "held"), [(0, "the limits"), (-1, "max_bytes")])
+def test_bytes_that_do_not_bind_are_not_blamed_at_the_knee(renderer, spare, held):
+    """A driver that holds no map above 512²: the bytes of its largest maps, and one less."""
     scene = csm.scenes.town(5000)
     camera, sun = scene.cameras["street"].replace(size=(320, 180)), scene.suns["noon"]
-    goal = {"max_error": None, "budget_ms": None, "max_bytes": most}
-    search = Search(measure_signals(renderer, scene, [camera], [sun]), scene, goal, 512)
+    goal = {"max_error": None, "budget_ms": None, "max_bytes": None}
+    signals = measure_signals(renderer, scene, [camera], [sun])
+    every = Search(signals, scene, goal, 512).candidates(CostModel())
+    goal["max_bytes"] = max(map_bytes(one.settings) for one in every) + spare
+    search = Search(signals, scene, goal, 512)
     chosen = search.choose(CostModel())
     assert obstacle_of(search, chosen, CostModel(), goal).endswith(f"finer maps exceed {held}")
 
