@@ -495,13 +495,8 @@ def obstacle_of(search, chosen, model, goal):
     obstacle : str or None
     """
     budget, limit, most = goal["budget_ms"], goal["max_error"], goal["max_bytes"]
-    least = map_bytes(chosen.settings)
-    if most is not None and least > most:
-        deep = chosen.settings.depth_format == "d32f" and least <= 2 * most
-        effect, depths = (
-            ("depth_format", " at the 32 bits called for") if deep else ("map_size", "")
-        )
-        return f"{effect}: the smallest map takes {least} bytes{depths}, max_bytes is {most:.15g}"
+    if most is not None and map_bytes(chosen.settings) > most:
+        return _bytes_obstacle(chosen.settings, most)
     if budget is not None and chosen.ms > budget:
         maps, others = model.parts(chosen.settings, search.forecaster)
         what = (
@@ -516,6 +511,14 @@ def obstacle_of(search, chosen, model, goal):
         binds = "max_bytes" if search.bytes_bind else "the limits"
         return f"{what}, and finer maps exceed {binds}"
     return None
+
+
+def _bytes_obstacle(settings, most):
+    """What keeps one map, the smallest, from being smaller: its texels, or their depths."""
+    size = map_bytes(settings)
+    halves = settings.depth_format == "d32f" and size <= 2 * most
+    what = "depth_format: 32 bits are called for, and in them" if halves else "map_size:"
+    return f"{what} the smallest map takes {size} bytes, max_bytes is {most:.15g}"
 
 
 def _error_obstacle(search, chosen, model, goal):
