@@ -222,3 +222,20 @@ def test_frames_timed_are_bounded_and_first_ones_do_not_count(search_for):
     assert chosen.error == machine.best(budget)
     assert len(rendered) == 2 * (TIMED + 1)
     assert ROUNDS * (TIMED + 1) == 24  # as it is documented
+
+
+def test_the_sixth_is_the_cheapest_where_nothing_fitted_until_then(search_for):
+    budget = 30.0
+    search = search_for(budget)
+    least = min(search.candidates(search.model), key=lambda one: (one.ms, one.error)).settings
+
+    def nearly(maps, others, settings):
+        """All but the cheapest miss by a hundredth, so that each next choice is a little less."""
+        whole = 0.5 * budget if settings == least else 1.01 * budget
+        return whole * maps / (maps + others), whole * others / (maps + others)
+
+    machine = Machine(search, nearly)
+    chosen, _ = choose_timed(search, machine)
+    assert len(machine.settings) == ROUNDS
+    assert least not in machine.settings[:-1]
+    assert machine.settings[-1] == chosen.settings == least

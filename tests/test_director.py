@@ -165,6 +165,20 @@ def test_what_follows_a_choice_that_was_soon_missed_meets_the_goal_at_both_place
     assert sizes_held(monkeypatch, renderer, late) == [64] * 11 + [32]
 
 
+def test_another_scene_is_looked_at_after_thirty_frames(monkeypatch, renderer):
+    told = iter(3 * [Told(64, 64)])
+    monkeypatch.setattr("csm.director.recommend_from", lambda *a, **k: next(told))
+    monkeypatch.setattr(csm.Director, "_costs", lambda self: None)
+    scenes = [csm.scenes.plane_and_box() for _ in range(2)]
+    with csm.Director(scenes[0], max_error=0.1, renderer=renderer) as director:
+        for number in range(63):
+            director.scene = scenes[number % 2]  # as an animation does in every frame
+            director.render(view(1.0), BOX_SUN, outputs=MASK)
+        looks = director.report().decisions
+    assert [one.trigger for one in looks] == ["first frame", "another scene", "another scene"]
+    assert [one.frame for one in looks] == [0, 31, 62], "the thirtieth is of the scene looked at"
+
+
 def test_no_gain_is_worth_bytes_that_are_not_there(monkeypatch, renderer):
     small, large = Told(64), Told(128)  # 16384 and 65536 bytes; half the error, and no goal met
     assert sizes_held(monkeypatch, renderer, [small] + 5 * [large], max_bytes=20_000) == 6 * [64]

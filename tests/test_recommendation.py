@@ -348,6 +348,15 @@ def test_what_was_rendered_before_does_not_count(renderer, box):
     assert np.array_equal(before.mask, after.mask)
 
 
+def test_a_recommendation_is_no_step_of_a_walk(renderer, plain_renderer):
+    """Here the rounded range would hold what it was at a camera 0.4 m further off."""
+    scene = plane()
+    far, near = (view(eye=(6 + 0.02 * k, 4.5, 8)) for k in (-40, -60))
+    fresh = csm.recommend(scene, near, NOON, renderer=plain_renderer)
+    csm.recommend(scene, far, NOON, renderer=renderer)
+    assert csm.recommend(scene, near, NOON, renderer=renderer).to_dict() == fresh.to_dict()
+
+
 def test_same_input_same_answer(renderer, box):
     one, other = (
         csm.recommend(box, view(), csm.Sun((1, 1, 0), 0.53), renderer=renderer) for _ in range(2)
