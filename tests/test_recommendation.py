@@ -670,6 +670,7 @@ def test_what_is_taken_to_save_must_save():
 
     assert verdict() == (False, False, "saves nothing; error +0.0% without")
     assert not verdict(maps_ms=8.2)[0], "within what times differ by anyway"
+    assert verdict(maps_ms=8.5)[0], "beyond it"
     assert verdict(maps_ms=16.0) == (True, True, "saves 50% of the maps' time; error +0.0% without")
     assert verdict(triangles=51)[2].startswith("saves 1 triangles")
     assert verdict(bytes=2_001_000)[2].startswith("saves 2.0 MB")
