@@ -85,11 +85,11 @@ class Director:
     or, of another scene, every 30 frames. It replaces the held settings at once if those are
     forecast to miss the goal and it is not, or if the sun has begun to move and asks for other
     axes; otherwise (and where nothing reaches the goal: it is nearer) only if it is better by
-    `margin` in `patience` looks in a row. Of settings that exceed `max_bytes` those of fewer bytes
-    replace others at once, and never the other way round. Settings that miss the goal within 10
-    looks of their choice give way to the best that are forecast to meet it at both places, and
-    `patience` counts twofold from then on: a path that goes to and fro across the boundary of two
-    choices does not change them to and fro.
+    `margin` in `patience` looks in a row. What meets the goal gives way to nothing that does not;
+    of settings that exceed `max_bytes` those of fewer bytes replace others at once, and never the
+    other way round. Settings that miss the goal within 10 looks of their choice give way to the
+    best that are forecast to meet it at both places, and `patience` counts twofold from then on: a
+    path that goes to and fro across the boundary of two choices does not change them to and fro.
 
     Under `budget_ms` only the first look times frames of its own, up to 24 of them. Every
     later one forecasts by what the frames since the last one took, of maps those that were drawn
@@ -334,7 +334,6 @@ class Director:
         if not self._patience:
             return found.settings, "every recommendation is followed"
         held = found.forecast(self.settings)
-        gain = _gain(self._goal, held, found)
         if not held.met:
             return self._after_miss(found, held)
         if not found.met:
@@ -343,6 +342,7 @@ class Director:
         axes = found.signals.sun_moves and found.settings.light_basis != self.settings.light_basis
         if axes:
             return found.settings, "the sun has begun to move"
+        gain = _gain(self._goal, held, found)
         self._streak = self._streak + 1 if gain > self._margin else 0
         better = f"better by {100 * gain:.0f} %"
         if self._streak >= self._wait:
@@ -353,9 +353,10 @@ class Director:
 
     def _after_miss(self, found, held):
         """What takes the place of settings that miss the goal."""
-        reason = f"those held miss the goal ({100 * held.error:.2g} %, {held.ms:.3g} ms"
-        bounded = self._goal["max_bytes"] is not None
-        reason += f", {map_bytes(self.settings)} bytes)" if bounded else ")"
+        told = f"{100 * held.error:.2g} %, {held.ms:.3g} ms"
+        if self._goal["max_bytes"] is not None:
+            told += f", {map_bytes(self.settings)} bytes"
+        reason = f"those held miss the goal ({told})"
         if not found.met:
             return self._nearer(found, held, reason)
         soon = len(self._decisions) - self._chosen < SOON
@@ -367,12 +368,12 @@ class Director:
         """What takes the place of settings that miss the goal where every other does, too."""
         reason = f"{reason}, as does every other"
         budget, most = self._goal["budget_ms"], self._goal["max_bytes"]
-        held_bytes = map_bytes(self.settings)
         # error and time are approached; bytes are there or not, and nothing is worth more of them
-        if most is not None and held_bytes != found.map_bytes:
-            if held_bytes > max(most, found.map_bytes):
+        if most is not None:
+            was, now = map_bytes(self.settings), found.map_bytes
+            if was > max(most, now):
                 return found.settings, f"{reason}: the new ones take fewer bytes"
-            if found.map_bytes > max(most, held_bytes):
+            if now > max(most, was):
                 self._streak = 0
                 return None, f"{reason}; the new ones take more bytes"
         late = budget is not None and held.ms > budget

@@ -125,27 +125,32 @@ class Told:
     """A recommendation of settings by their size, of which some meet the goal where it was made."""
 
     def __init__(self, size, *good):
-        self.settings = csm.ShadowSettings(cascade_count=1, map_size=size)
-        told = self.forecast(self.settings, good)
-        self.good, self.met = good, told.met
+        self.settings, self.good = csm.ShadowSettings(cascade_count=1, map_size=size), good
+        told = self.forecast(self.settings)
+        self.met = told.met
         self.expected_error, self.expected_ms = told.error, told.ms
         self.map_bytes = map_bytes(self.settings)
         self.signals = SimpleNamespace(sun_moves=False)
 
-    def forecast(self, settings, good=None):
-        size, good = settings.map_size, self.good if good is None else good
-        return Forecast(1.0 / size, float(size), size in good)
+    def forecast(self, settings):
+        size = settings.map_size
+        return Forecast(1.0 / size, float(size), size in self.good)
 
     def meeting(self, other):
         both = [size for size in self.good if size in other.good]
         return csm.ShadowSettings(cascade_count=1, map_size=min(both)) if both else None
 
 
-def sizes_held(monkeypatch, renderer, told, **goal):
-    """Sizes of the maps that a director holds, frame by frame, where a look finds what is told."""
+def let_looks_find(monkeypatch, told):
+    """Look by look of a director, instead of what it sees."""
     every = iter(told)
     monkeypatch.setattr("csm.director.recommend_from", lambda *a, **k: next(every))
     monkeypatch.setattr(csm.Director, "_costs", lambda self: None)
+
+
+def sizes_held(monkeypatch, renderer, told, **goal):
+    """Sizes of the maps that a director holds, frame by frame, where a look finds what is told."""
+    let_looks_find(monkeypatch, told)
     held = []
     goal = goal or {"max_error": 0.1}
     with csm.Director(csm.scenes.plane_and_box(), renderer=renderer, **goal) as director:
@@ -166,9 +171,7 @@ def test_what_follows_a_choice_that_was_soon_missed_meets_the_goal_at_both_place
 
 
 def test_another_scene_is_looked_at_after_thirty_frames(monkeypatch, renderer):
-    told = iter(3 * [Told(64, 64)])
-    monkeypatch.setattr("csm.director.recommend_from", lambda *a, **k: next(told))
-    monkeypatch.setattr(csm.Director, "_costs", lambda self: None)
+    let_looks_find(monkeypatch, 3 * [Told(64, 64)])
     scenes = [csm.scenes.plane_and_box() for _ in range(2)]
     with csm.Director(scenes[0], max_error=0.1, renderer=renderer) as director:
         for number in range(63):
@@ -192,8 +195,7 @@ def test_no_gain_is_worth_bytes_that_are_not_there(monkeypatch, renderer):
 
 
 def test_what_meets_the_goal_gives_way_to_nothing_that_does_not(monkeypatch, renderer):
-    held, missed = Told(80, 80), Told(64)
-    held.good = missed.good = (80,)
+    held, missed = Told(80, 80), Told(64, 80)
     assert sizes_held(monkeypatch, renderer, [held] + 4 * [missed]) == 5 * [80]
 
 

@@ -656,11 +656,7 @@ def test_what_matters_is_a_hundredth_of_the_error(taken, change, held, strictly)
 
 
 def test_what_is_taken_to_save_must_save():
-    settings = csm.ShadowSettings()
-    plain = verification.Row(
-        "cull", True, settings, error=0.01, flicker=float("nan"), ms=9.0, ms_least=9.0, bytes=1000,
-        triangles=50, maps_ms=8.0,
-    )  # fmt: skip
+    plain = row_of(True, 0.01)
 
     class Reason:
         effect, taken, saves = "cull", True, True

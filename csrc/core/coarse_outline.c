@@ -99,6 +99,10 @@ static void outline_add_reaching(outline *o, const coarse_way *way, const csm_pl
     }
 }
 
+static bool in_slice(const outline *o, int slice, double depth) {
+    return (slice == 0 || o->borders[slice - 1] < depth) && !(o->borders[slice] < depth);
+}
+
 /* Past an end points lie in a line, from the coarse pixel, which was met, to the last of them. So
  * where both are of one slice of depth, and the last one lies farther in than rounding may tell,
  * none of them is outermost. */

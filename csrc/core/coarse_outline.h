@@ -50,10 +50,6 @@ static inline double most_of(double values[DIRECTIONS]) {
     return most;
 }
 
-static inline bool in_slice(const outline *o, int slice, double depth) {
-    return (slice == 0 || o->borders[slice - 1] < depth) && !(o->borders[slice] < depth);
-}
-
 /* How far out a point lies, and whether, a margin farther out, it may be outermost anywhere in its
  * slice. Hardly a point is, so all directions are asked at once. */
 static inline bool reaches_out(const outline *o, const double point[3], int slice, double margin,
