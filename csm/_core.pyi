@@ -452,6 +452,7 @@ class Renderer:
         point_normals: ArrayLike | None,
         angular_diameter: float,
         reuse: int = 0,
+        timed: bool = True,
         /,
     ) -> _Rendered: ...
     def visibility(

@@ -68,7 +68,7 @@ class Frame:
     sun : Sun
     settings : ShadowSettings
     timings_ms : dict of str to float
-        Milliseconds per pass, in order.
+        Milliseconds per pass, in order; of a frame that was not timed those of ``readback`` alone.
     info : dict
         Driver, back end, clock of the timings, bytes, programs, canonical settings, culling:
         ``chunks_drawn`` and ``triangles_drawn`` per cascade, ``chunks_culled`` and, of those,

@@ -235,6 +235,7 @@ class Renderer:
         points=None,
         point_normals=None,
         reuse="never",
+        timed=True,
     ):
         """Shadow maps and the camera's shadow mask.
 
@@ -266,6 +267,10 @@ class Renderer:
             the bit. ``"scrolled"``: where a map moved by whole texels, also the part that was drawn
             before, if that costs less; depths then differ by the rasteriser's snapping.
             ``info["reuse"]`` says for every map what was done. `Director` does this along a path.
+        timed : bool
+            Whether passes are timed. Each is waited for then, which frames of a few milliseconds
+            on a GPU are longer by. If not, ``timings_ms`` has ``readback`` alone, which waits for
+            all of them, and Ctrl-C may wait for the frame.
 
         Returns
         -------
@@ -296,6 +301,8 @@ class Renderer:
             raise ValueError("point_normals must come with points (got no points)")
         if not isinstance(reuse, str) or reuse not in REUSE:
             raise ValueError(f"reuse must be one of {', '.join(REUSE)} (got {reuse!r})")
+        if not isinstance(timed, (bool, np.bool_)):
+            raise TypeError(f"timed must be True or False (got {timed!r})")
         bits, outputs = output_bits(outputs, points is not None)
         point_count = None if points is None else len(points)
         textures = _core.plan(settings, *camera.size, bits)[1]
@@ -318,6 +325,7 @@ class Renderer:
                     point_normals,
                     math.radians(sun.angular_diameter_deg),
                     REUSE.index(reuse),
+                    timed,
                 )
             except ShaderError as error:
                 # every mesh of a scene has an instance: more of them, and one is drawn again

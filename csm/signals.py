@@ -8,7 +8,7 @@ settings would make of that, `csm.forecasts` works out.
 import math
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 
 import numpy as np
 
@@ -338,18 +338,19 @@ def _coarse_size(camera):
 
 def _look(renderer, scene, camera, sun, beside):
     """Render one view coarsely and read it, the one beside the other."""
+    render = partial(renderer.render, timed=False)  # what waits for passes waits for each of them
     axes = light_gradients(sun)
     sample = begin(beside, sample_casters, scene, axes)
     small, shrink = coarse_camera(camera)
     # only even splits can begin at or behind an orthographic camera
     probe = PROBE if camera.near > 0.0 else PROBE.replace(split="uniform")
-    frame = renderer.render(scene, small, sun, probe, outputs=PROBE_OUTPUTS)
+    frame = render(scene, small, sun, probe, outputs=PROBE_OUTPUTS)
     look = look_at_pixels(frame, sun, PROBE.cascade_count)
 
     def again(finer=1, **changes):
         settings = probe.replace(map_size=finer * PROBE.map_size, **changes)
         # what the camera sees stays, so that maps alone are drawn anew
-        other = renderer.render(scene, small, sun, settings, outputs=("mask",), reuse="same")
+        other = render(scene, small, sun, settings, outputs=("mask",), reuse="same")
         return other.mask >= LIT
 
     casters = sample.result()
@@ -368,7 +369,7 @@ def _look(renderer, scene, camera, sun, beside):
     )
     ends, part, outline = outlined.result()
     if part is not None:
-        fine = renderer.render(scene, part, sun, HORIZON, outputs=HORIZON_OUTPUTS)
+        fine = render(scene, part, sun, HORIZON, outputs=HORIZON_OUTPUTS)
         pictures = [*plain, (part, fine.view_depth, facing_of(fine, sun))]
         outline = outline_of(pictures, ends, axes)
     outline = _ordered({"point": outline}, outline @ -camera.backward)["point"]

@@ -105,6 +105,18 @@ def test_windows_of_a_long_road_are_those_of_frames(renderer, camera, sun, chang
     assert sides == pytest.approx(frame.cascades.texel_size.max(axis=1), rel=0.25)
 
 
+def test_no_look_waits_for_passes(renderer, monkeypatch):
+    """Nobody reads how long a coarse frame's passes take, and to time one is to wait for it."""
+    scene, render, frames = csm.scenes.long_road(), csm.Renderer.render, []
+    monkeypatch.setattr(
+        csm.Renderer, "render", lambda *a, **k: frames.append(render(*a, **k)) or frames[-1]
+    )
+    camera, sun = scene.cameras["bridge"].replace(size=SIZE), scene.suns["ahead"]
+    measure_signals(renderer, scene, [camera], [sun])
+    assert len(frames) > 2  # the first, one with other sides, one of the horizon
+    assert [list(frame.timings_ms) for frame in frames] == len(frames) * [["readback"]]
+
+
 def test_what_a_view_holds_is_in_the_order_of_depth(renderer):
     """The core finds a slice's points by their place; so each array must be of the same order."""
     scene = csm.scenes.forest()

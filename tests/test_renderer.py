@@ -210,6 +210,29 @@ def test_info_and_times(renderer, scene):
     assert frame.cascades.count == 4
 
 
+@pytest.mark.parametrize("filter_name", ["hard", "pcss", "evsm4"])
+@pytest.mark.parametrize("split", ["practical", "sdsm"])
+def test_a_frame_that_is_not_timed_is_the_same(renderer, scene, split, filter_name):
+    camera, settings = small_scenes.camera(), BASE.replace(split=split, filter=filter_name)
+    outputs = ("mask", "valid", "view_depth", "cascade_index", "shadow_maps", "normal")
+    timed = draw(renderer, scene, camera, settings, outputs=outputs)
+    untimed = draw(renderer, scene, camera, settings, outputs=outputs, timed=False)
+    assert list(untimed.timings_ms) == ["readback"]
+    assert untimed.timings_ms["readback"] > 0.0
+    assert untimed.info["clock"] == "none: passes were not timed"
+    for name in outputs:
+        assert np.array_equal(getattr(timed, name), getattr(untimed, name))
+    again = draw(renderer, scene, camera, settings, outputs=outputs, timed=np.bool_(True))
+    assert list(again.timings_ms) == list(timed.timings_ms)
+    assert len(again.timings_ms) > 5
+
+
+@pytest.mark.parametrize("timed", [0, None, "no", np.zeros(2)])
+def test_timed_is_a_bool(renderer, scene, timed):
+    with pytest.raises(TypeError, match="timed must be True or False"):
+        draw(renderer, scene, small_scenes.camera(), timed=timed)
+
+
 def test_what_is_not_asked_for_takes_no_pass(renderer, scene):
     camera = small_scenes.camera()
     maps = [f"shadow_map_{i}" for i in range(4)]

@@ -106,9 +106,9 @@ static void measure_held(const box_block *block, const int *among, int count, he
         out->line[j] = 2.0 * sqrt(u[j] * u[j] + v[j] * v[j]);
     }
     for (int j = 0; j < count; j++) {
-        const double rest_u = u[j] >= whole_u[j] * (1.0 - 1e-12) ? 0.0 : 1.0;
-        const double rest_v = v[j] >= whole_v[j] * (1.0 - 1e-12) ? 0.0 : 1.0;
-        out->rest[j] = rest_u > rest_v ? rest_u : rest_v;
+        const int rest_u = u[j] < whole_u[j] * (1.0 - 1e-12);
+        const int rest_v = v[j] < whole_v[j] * (1.0 - 1e-12);
+        out->rest[j] = rest_u | rest_v ? 1.0 : 0.0;
     }
 }
 

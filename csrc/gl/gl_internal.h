@@ -139,6 +139,7 @@ typedef struct csm_host_buffer {
 
 typedef struct csm_timer {
     bool queries; /* timer queries on hardware, wall clock around glFinish on software */
+    bool off;     /* this frame's passes are not timed */
     GLuint query;
     double start_ms;
 } csm_timer;

@@ -592,6 +592,7 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
         renderer->buffers[kind].used = 0; /* an interrupted frame leaves them set */
     }
     renderer->last.done = false;
+    renderer->timer.off = frame->desc->untimed;
     csm_draw_list_begin(renderer, frame->desc->scene);
     csm_buffer_drop(renderer, &renderer->warp_uniforms);
     csm_status status = csm_targets_fit(renderer, &frame->plan, err);
@@ -600,7 +601,9 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
     }
     frame->out->bytes = frame->plan.bytes;
     frame->out->scene_bytes = frame->desc->scene->bytes;
-    frame->out->clock = renderer->timer.queries ? "timer query" : "wall clock around glFinish";
+    frame->out->clock = frame->desc->untimed      ? "none: passes were not timed"
+                        : renderer->timer.queries ? "timer query"
+                                                  : "wall clock around glFinish";
     frame->out->items_total = (int)frame->desc->scene->geometry.item_count;
     csm_frame_write_view(frame);
     /* What reads no pixels is refused before a pixel is drawn. */

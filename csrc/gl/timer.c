@@ -1,8 +1,9 @@
 /* timer.c: milliseconds per pass. Timer queries on hardware; on software GL they are useless (0.000
  * and 30 ms were seen for the same pass), so there the wall clock runs around glFinish.
  *
- * Each pass is waited for. Read at the frame's end, queries on an H200 also counted how long the
- * GPU waited for the host (passes of 5.1 ms as 9.6, median of 29 frames), and no frame was shorter.
+ * Each pass that is timed is waited for. Read at the frame's end, queries on an H200 also counted
+ * how long the GPU waited for the host (passes of 5.1 ms as 9.6, median of 29 frames), and no frame
+ * was shorter.
  */
 #include "gl_internal.h"
 
@@ -16,6 +17,9 @@ double csm_clock_ms(void) {
 
 void csm_timer_start(csm_renderer *renderer) {
     csm_timer *timer = &renderer->timer;
+    if (timer->off) {
+        return;
+    }
     if (timer->queries) {
         renderer->gl.BeginQuery(GL_TIME_ELAPSED, timer->query);
     } else {
@@ -27,6 +31,9 @@ void csm_timer_start(csm_renderer *renderer) {
 void csm_timer_stop(csm_renderer *renderer, csm_render_out *out, const char *name) {
     csm_timer *timer = &renderer->timer;
     double elapsed_ms;
+    if (timer->off) {
+        return;
+    }
     if (timer->queries) {
         GLuint64 nanoseconds = 0;
         renderer->gl.EndQuery(GL_TIME_ELAPSED);

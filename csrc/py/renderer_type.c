@@ -415,8 +415,8 @@ static PyObject *result_of(const csm_render_out *out, int reuse) {
 PyDoc_STRVAR(
     render_doc,
     "render(scene, camera, to_light, settings, scene_bounds, held, outputs, arrays, "
-    "points, point_normals, angular_diameter, reuse=0)\n--\n\nFits cascades, runs the plan, fills "
-    "the arrays of the dict.");
+    "points, point_normals, angular_diameter, reuse=0, timed=True)\n--\n\nFits cascades, runs the "
+    "plan, fills the arrays of the dict.");
 
 static PyObject *renderer_render(PyObject *object, PyObject *args) {
     PyObject *capsule, *camera, *to_light, *settings, *bounds, *held, *arrays, *points, *normals;
@@ -427,11 +427,11 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
     csm_status status;
     unsigned outputs;
     double angular_diameter;
-    int reuse = CSM_REUSE_MAPS_NEVER;
+    int reuse = CSM_REUSE_MAPS_NEVER, timed = 1;
     if (!renderer ||
-        !PyArg_ParseTuple(args, "OOOOOOIO!OOd|i:render", &capsule, &camera, &to_light, &settings,
+        !PyArg_ParseTuple(args, "OOOOOOIO!OOd|ip:render", &capsule, &camera, &to_light, &settings,
                           &bounds, &held, &outputs, &PyDict_Type, &arrays, &points, &normals,
-                          &angular_diameter, &reuse) ||
+                          &angular_diameter, &reuse, &timed) ||
         csm_py_parse_fit(camera, to_light, settings, bounds, held, Py_None, Py_None, &fit) < 0) {
         return NULL;
     }
@@ -443,6 +443,7 @@ static PyObject *renderer_render(PyObject *object, PyObject *args) {
                             .held = fit.desc.held,
                             .outputs = outputs,
                             .reuse = reuse,
+                            .untimed = !timed,
                             .stop = signal_arrived};
     PyArrayObject *point_rows = NULL, *normal_rows = NULL;
     if (!desc.scene) {
