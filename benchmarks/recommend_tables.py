@@ -16,8 +16,9 @@ from pathlib import Path
 import numpy as np
 from bench_recommend import case_names, read, scenes
 
-from csm.decisions import is_default_split, split_text
+from csm.decisions import split_text
 from csm.settings import ShadowSettings, maps_text
+from csm.situations import is_default_split
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "recommendation.md"
 RELATIVE, ABSOLUTE = 0.05, 5e-4  # how far from everything on
@@ -38,7 +39,7 @@ def gathered(paths):
         for case, line in read(path).items():
             lines = machines.setdefault(machine(line), {})
             known = lines.get(case)
-            if known is None or worth(line) >= worth(known):
+            if known is None or "failed" in known or "failed" not in line:
                 lines[case] = line
     order = sorted(machines, key=lambda name: -sum(map(worth, machines[name].values())))
     return {name: machines[name] for name in order}

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from .camera import MAX_SIZE, Camera
+from .formats import named
 from .loading import load, load_elevation
 from .scenes import SCENES
 from .settings import ShadowSettings
@@ -247,6 +248,24 @@ def find_sun(scene, text, diameter=None, said="--sun"):
         numbers = _numbers(said, text, 2, 3)
         sun = Sun(numbers) if len(numbers) == 3 else Sun.from_compass(*numbers)
     return name, sun if diameter is None else Sun(sun.to_light, diameter)
+
+
+def check_sun_diameter(diameter):
+    """Refuse a ``--sun-diameter`` that no sun may have, before a scene is loaded for it.
+
+    Parameters
+    ----------
+    diameter : float or None
+        In degrees.
+
+    Raises
+    ------
+    ValueError
+        If it is out of range.
+    """
+    if diameter is not None:
+        with named("--sun-diameter"):
+            Sun((0.0, 1.0, 0.0), diameter)
 
 
 def find_suns(scene, texts, diameter=None, said="--sun"):

@@ -5,10 +5,10 @@ from functools import cached_property
 
 import numpy as np
 
-from .decisions import Situation, is_default_split, wanted_format
 from .forecasts import Expected, Missed
 from .plans import map_bytes
 from .settings import ShadowSettings, changed, map_texels
+from .situations import Situation, is_default_split, wanted_format
 
 __all__ = ["Candidate", "Family", "cheapest", "finest"]
 

@@ -14,6 +14,7 @@ from .arguments import (
     INTERRUPTED,
     add_backend_option,
     check_folder,
+    check_sun_diameter,
     find_camera,
     find_scene,
     find_sun,
@@ -316,6 +317,7 @@ def _render(options):
     if options.causes and not options.truth:
         raise ValueError("--causes needs --truth")
     rays = 1 if options.rays is None else parse_rays(options.rays)
+    check_sun_diameter(options.sun_diameter)
     folder = parse_folder(options.out)
     check_folder(folder)
 

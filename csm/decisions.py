@@ -6,82 +6,37 @@ with its measurement. `csm.recommend` asks the rows; `Recommendation.verify` tur
 round and looks whether the picture minds.
 """
 
-import math
 from collections.abc import Callable
-from dataclasses import dataclass, field
-from functools import cached_property
+from dataclasses import dataclass
 
-import numpy as np
-
-from .arrangements import USUAL
-from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL, best_sides
-from .costs import CostModel
-from .map_shares import WORTH, equal_side, size_parts, texels_spared, unequal_sizes
+from .caster_sides import BACK_GAIN, FACES_SHARE, LIT_NEARLY_ALL
+from .flips import (
+    equal_maps,
+    equal_memory,
+    fewer,
+    half_size,
+    nearest_faces,
+    other_filter,
+    other_split,
+    other_warp,
+    resized,
+)
+from .map_shares import WORTH, equal_side, texels_spared
 from .plans import map_bytes
-from .settings import ShadowSettings, changed, draw_alike, map_sizes, map_texels, maps_text
+from .settings import ShadowSettings, draw_alike, maps_text
+from .situations import (
+    GAIN,
+    SMALLEST,
+    SOFT_PIXELS,
+    WARP_GAIN,
+    WORLD_ELEVATION_DEG,
+    is_default_split,
+    needed_bias,
+    quantum_16,
+    several,
+)
 
-__all__ = [
-    "COUNTS",
-    "TABLE",
-    "TAPS",
-    "WARP_GAIN",
-    "Decision",
-    "Reason",
-    "Situation",
-    "is_default_split",
-    "split_text",
-    "value_of",
-    "wanted_faces",
-    "wanted_format",
-    "wanted_size",
-]
-
-SOFT_PIXELS = 1.0  # widest penumbra that a hard edge may stand for
-GAIN = 0.01  # an effect that changes the error by less than this share of it does not matter
-# Of 30 pairs for which a warp was forecast to gain more, 27 gained; of 131 others 26.
-WARP_GAIN = 0.05
-WORLD_ELEVATION_DEG = 20.7  # below it the skewed basis of the world's axes falls back by itself
-COUNTS = (1, 2, 3, 4, 6)  # of cascades, that are considered
-TAPS = (8, 16)  # in the disc of soft shadows, that are considered
-SMALLEST = 256  # a map that has no edge to hold
-
-
-@dataclass(frozen=True)
-class Situation:
-    """What rows are asked about.
-
-    Attributes
-    ----------
-    signals : Signals
-    forecaster : Forecaster
-    settings : ShadowSettings
-        As decided so far: sizes, splits and all of it when the reasons are written.
-    model : CostModel
-        Which maps of unequal sizes go by.
-    """
-
-    signals: object
-    forecaster: object
-    settings: ShadowSettings
-    model: CostModel = field(default_factory=CostModel)
-
-    @property
-    def moves(self):
-        """Whether camera or sun move."""
-        return self.signals.camera_moves or self.signals.sun_moves
-
-    def gain(self, **changes):
-        """Share of the error that the settings save against changed ones, as forecast."""
-        without = self.forecaster.aliasing(changed(self.settings, **changes))
-        return 1.0 - self._aliasing / without if without > 0.0 else 0.0
-
-    @cached_property
-    def _aliasing(self):
-        return self.forecaster.aliasing(self.settings)
-
-    def finest_texel(self, map_size=None, filter_size=None):
-        """Side [m] of the finest cascade's texel; in maps of other sizes, of each (k,)."""
-        return self.forecaster.texel_sides(self.settings, map_size, filter_size).min(axis=-1)
+__all__ = ["TABLE", "Decision", "Reason", "split_text", "value_of"]
 
 
 @dataclass(frozen=True)
@@ -178,11 +133,6 @@ class Decision:
         )
 
 
-def is_default_split(settings):
-    """Whether slices are cut as by default; even ones are all that some cameras allow."""
-    return settings.split == "uniform" or (settings.split, settings.lam) == ("practical", 0.5)
-
-
 def split_text(settings):
     """The split in words: the practical scheme with its lambda, where that is not the default."""
     if settings.split != "practical" or is_default_split(settings):
@@ -197,101 +147,6 @@ def value_of(effect, settings):
     return getattr(settings, "filter" if effect == "shadows" else effect)
 
 
-# -- what rows ask --------------------------------------------------------------------------------
-
-
-def wanted_format(at, map_size, filter_size=None):
-    """Depth formats of sizes (k,): 16 bits where their step is below the bias that surfaces need.
-
-    Under a warp no step is the same everywhere: 32 bits.
-    """
-    if at.settings.warp != "none":
-        return ["d32f"] * len(map_size)
-    step = _quantum_16(at)
-    needed = _needed_bias(at, map_size, filter_size).tolist()
-    return ["d16" if step < bias else "d32f" for bias in needed]
-
-
-def wanted_faces(signals):
-    """Sides of triangles that need to cast."""
-    return best_sides(
-        signals.front_matters, signals.faces_matter, signals.back_gain, signals.lit_area
-    )
-
-
-def wanted_size(at, map_size=None):
-    """Kernel of soft shadows [texels]: as wide as penumbrae, and no wider than maps have texels.
-
-    Of sizes (k,) as many.
-    """
-    size = np.asarray(at.settings.map_size if map_size is None else map_size)
-    size = size[None] if map_size is None and size.ndim else size
-    kernel = at.forecaster.kernel(at.settings, size)
-    size = size.min(axis=1) if size.ndim == 2 else size
-    most = np.maximum(1, (size - 1) // 2 * 2 - 1)
-    found = np.minimum(kernel, most).tolist()
-    return found[0] if map_size is None and np.ndim(found) else found
-
-
-def _quantum_16(at):
-    return at.signals.depth_span / 65535.0
-
-
-def _needed_bias(at, map_size=None, filter_size=None):
-    return 0.25 * at.finest_texel(map_size, filter_size) * at.signals.bias_slope
-
-
-def _several(at):
-    return at.settings.cascade_count > 1
-
-
-def _equal_memory(at):
-    """Two maps of as many texels as one."""
-    side = int(map_sizes(at.settings)[0] / np.sqrt(2.0))
-    return {"cascade_count": 2, "map_size": max(side, 1)}
-
-
-def _fewer(at):
-    return _rearranged(at, cascade_count=max(n for n in COUNTS if n < at.settings.cascade_count))
-
-
-def _rearranged(at, **changes):
-    """Changes, and, of unequal maps, as many texels shared out anew among the other windows."""
-    settings = at.settings
-    if not isinstance(settings.map_size, tuple):
-        return changes
-    texels = map_texels(settings)
-    other = settings.replace(**changes, map_size=USUAL, storage="array")
-    parts = None
-    if other.cascade_count > 1:
-        parts = size_parts(other, at.forecaster, at.model)
-    if parts is None:
-        side = round(math.sqrt(texels / other.cascade_count))
-        return {**changes, "map_size": side, "storage": "array"}
-    sides = unequal_sizes(parts, math.sqrt(texels / np.square(parts).sum()))
-    return {**changes, "map_size": tuple(sides.tolist())}
-
-
-def _equal_maps(at):
-    """Of maps of unequal sizes: equal ones that miss as much; else textures of their own."""
-    if not isinstance(at.settings.map_size, tuple):
-        return {"storage": "separate"}
-    side = equal_side(at.settings, at.forecaster) or max(at.settings.map_size)
-    return {"storage": "array", "map_size": math.ceil(side)}
-
-
-def _half_size(at):
-    return _resized(at, 0.5)
-
-
-def _resized(at, factor):
-    size = at.settings.map_size
-    # a kernel must fit
-    least = at.settings.filter_size + 2 if at.settings.filter == "pcss" else 1
-    sides = [max(least, int(factor * side)) for side in np.ravel(size)]
-    return {"map_size": tuple(sides) if isinstance(size, tuple) else sides[0]}
-
-
 def _blend_ratio(at):
     sides = at.forecaster.texel_sides(at.settings)
     return sides.max() / sides.min()
@@ -300,11 +155,6 @@ def _blend_ratio(at):
 def _excess(at, changes):
     gain = at.gain(**changes)
     return gain / (1.0 - gain) if gain < 1.0 else 0.0
-
-
-def _nearest_faces(signals):
-    """Of front and back sides alone those that change fewer pixels."""
-    return "front" if signals.front_matters <= signals.faces_matter else "back"
 
 
 def _faces_measured(at):
@@ -325,11 +175,11 @@ def _percent(share):
 
 def _count_measured(at):
     ratio = f"depths in a ratio of {at.signals.depth_ratio:.3g}"
-    if not _several(at):
-        saved = max(0.0, -at.gain(**_equal_memory(at)))
+    if not several(at):
+        saved = max(0.0, -at.gain(**equal_memory(at)))
         return f"{ratio}; two maps of as many texels save {_percent(saved)}"
-    fewer = _fewer(at)
-    return f"{ratio}; {fewer['cascade_count']} leave {_percent(_excess(at, fewer))} more error"
+    others = fewer(at)
+    return f"{ratio}; {others['cascade_count']} leave {_percent(_excess(at, others))} more error"
 
 
 def _less(gain):
@@ -363,9 +213,9 @@ TABLE = (
         threshold="the cheapest count and size on the goal's side of the front",
         source="forecast of every count and size: docs/recommendation.md, docs/numerics.md 13",
         cost="a map each: its texels, and its casters once more",
-        taken=_several,
+        taken=several,
         measured=_count_measured,
-        flipped=lambda at: _fewer(at) if _several(at) else _equal_memory(at),
+        flipped=lambda at: fewer(at) if several(at) else equal_memory(at),
     ),
     Decision(
         effect="map_size",
@@ -376,9 +226,9 @@ TABLE = (
         taken=lambda at: at.signals.edge_share > 0.0,
         measured=lambda at: (
             f"edges of {1e3 * at.signals.edge_share:.3g} px per 1000 px; half the size leaves "
-            f"{_percent(_excess(at, _half_size(at)))} more error"
+            f"{_percent(_excess(at, half_size(at)))} more error"
         ),
-        flipped=lambda at: _half_size(at) if at.signals.edge_share > 0.0 else _resized(at, 2.0),
+        flipped=lambda at: half_size(at) if at.signals.edge_share > 0.0 else resized(at, 2.0),
     ),
     Decision(
         effect="fit",
@@ -414,14 +264,14 @@ TABLE = (
         threshold="maps cost 1 % less for an error than by the practical scheme with lam 0.5",
         source="forecast; docs/recommendation.md, docs/numerics.md 17",
         cost="nothing; by what is seen (sdsm) a reduction over the picture",
-        taken=lambda at: _several(at) and not is_default_split(at.settings),
+        taken=lambda at: several(at) and not is_default_split(at.settings),
         measured=lambda at: (
             _split_gain(at)
             + "receivers of four practical cascades: "
             + " ".join(f"{100.0 * share:.0f}" for share in at.signals.cascade_shares)
             + " %"
         ),
-        flipped=lambda at: _other_split(at),
+        flipped=other_split,
     ),
     Decision(
         effect="snap",
@@ -454,16 +304,16 @@ TABLE = (
         threshold="several cascades, and 1 % of error or casters that finer maps make needless",
         source="docs/numerics.md 9 and 24",
         cost="a few multiplications a pixel",
-        taken=lambda at: _several(at) and at.settings.select == "map",
+        taken=lambda at: several(at) and at.settings.select == "map",
         measured=lambda at: (
             f"{_percent(1.0 - 1.0 / (1.0 + _excess(at, {'select': 'interval'})))} less error than "
             "by depth"
-            if _several(at)
+            if several(at)
             else "one map: nothing to select"
         ),
         flipped=lambda at: (
             {"select": "interval" if at.settings.select == "map" else "map"}
-            if _several(at)
+            if several(at)
             else None
         ),
         saves=lambda at: at.settings.cull == "exclusive" and at.gain(select="interval") < GAIN,
@@ -500,7 +350,7 @@ TABLE = (
         flipped=lambda at: (
             {"caster_faces": "both", "bias": "auto"}
             if at.settings.caster_faces != "both"
-            else {"caster_faces": _nearest_faces(at.signals)}
+            else {"caster_faces": nearest_faces(at.signals)}
         ),
         saves=lambda at: at.settings.caster_faces != "both",
     ),
@@ -519,7 +369,7 @@ TABLE = (
             f"{at.signals.penumbra_pixels[2]:.2g} px; a variance map would light "
             f"{_percent(at.signals.layered_share)} of full shadow"
         ),
-        flipped=lambda at: _other_filter(at),
+        flipped=other_filter,
     ),
     Decision(
         effect="tap_count",
@@ -547,7 +397,7 @@ TABLE = (
         measured=lambda at: (
             f"{at.settings.cascade_count} cascades, texels in a ratio of {_blend_ratio(at):.2g}, "
             f"filter {at.settings.filter}"
-            if _several(at)
+            if several(at)
             else f"one cascade: no boundary; filter {at.settings.filter}"
         ),
         flipped=lambda at: {"blend": "linear" if at.settings.blend == "none" else "none"},
@@ -573,7 +423,7 @@ TABLE = (
         taken=lambda at: at.settings.bias == "auto",
         measured=lambda at: (
             f"slope {at.signals.slope_percentiles[0]:.2g}, 99 % below "
-            f"{at.signals.slope_percentiles[2]:.2g}: {1e3 * _needed_bias(at):.2g} mm at the median"
+            f"{at.signals.slope_percentiles[2]:.2g}: {1e3 * needed_bias(at):.2g} mm at the median"
             if at.settings.bias == "auto"
             else f"{_percent(at.signals.faces_matter + at.signals.bias_matters)} change: "
             "far sides cast, and need none"
@@ -588,8 +438,8 @@ TABLE = (
         cost="nothing; saves half the bytes",
         taken=lambda at: at.settings.depth_format == "d16",
         measured=lambda at: (
-            f"step {1e3 * _quantum_16(at):.2g} mm over {at.signals.depth_span:.3g} m, "
-            f"bias {1e3 * _needed_bias(at):.2g} mm"
+            f"step {1e3 * quantum_16(at):.2g} mm over {at.signals.depth_span:.3g} m, "
+            f"bias {1e3 * needed_bias(at):.2g} mm"
             if at.settings.warp == "none"
             else "depths are bent by the warp: no step is the same everywhere"
         ),
@@ -609,7 +459,7 @@ TABLE = (
             else f"{maps_text(at.settings)}: {map_bytes(at.settings) / 1e6:.3g} MB"
             + _beside_equal(at)
         ),
-        flipped=_equal_maps,
+        flipped=equal_maps,
         saves=lambda at: at.settings.storage != "array",
     ),
     Decision(
@@ -634,18 +484,18 @@ TABLE = (
         taken=lambda at: at.settings.warp != "none",
         measured=lambda at: (
             f"light {at.signals.light_view_angle_deg:.0f} degrees from the view, depths in a ratio "
-            f"of {at.signals.depth_ratio:.3g}: {_percent(at.gain(warp=_other_warp(at)))} "
+            f"of {at.signals.depth_ratio:.3g}: {_percent(at.gain(warp=other_warp(at)))} "
             f"{'gained' if at.settings.warp != 'none' else 'kept'} by the "
             f"{'warp' if at.settings.warp != 'none' else 'plain map'}"
         ),
-        flipped=lambda at: {"warp": _other_warp(at)},
+        flipped=lambda at: {"warp": other_warp(at)},
     ),
 )
 
 
 def _split_gain(at):
     """How much error the split spares beside the default one, in as many texels."""
-    other = None if is_default_split(at.settings) else _other_split(at)
+    other = None if is_default_split(at.settings) else other_split(at)
     if other is None:
         return ""
     scheme = split_text(at.settings)
@@ -658,33 +508,3 @@ def _beside_equal(at):
     if side is None:
         return ""
     return f"; equal maps as good are {side:.0f}², {spared:.3g} times the texels"
-
-
-def _other_warp(at):
-    return "lispsm" if at.settings.warp == "none" else "none"
-
-
-def _other_split(at):
-    """Turn the answer about splits.
-
-    None where the camera's near allows no other scheme, and of one window round what is seen,
-    which any scheme leaves where it is.
-    """
-    if not _several(at) and at.settings.fit == "visible":
-        return None
-    if any(view.camera.near <= 0.0 for view in at.signals.views):
-        return None
-    if is_default_split(at.settings):
-        return _rearranged(at, split="sdsm")
-    return _rearranged(at, split="practical", lam=0.5)
-
-
-def _other_filter(at):
-    """Turn the filter's answer: a hard one for a soft, a soft one for a hard."""
-    if at.settings.filter not in ("hard", "none"):
-        return {"filter": "hard"}
-    if at.settings.filter == "none":
-        return None
-    if at.signals.views[0].sun.angular_diameter_deg > 0.0:
-        return {"filter": "pcss", "filter_size": wanted_size(at), "tap_count": TAPS[-1]}
-    return {"filter": "pcf", "filter_size": 3}

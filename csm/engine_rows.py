@@ -53,7 +53,7 @@ class Setting:
     page : str
         Where it is documented.
     value : callable
-        Of a `csm.engine_situation.Situation`: the value, `Near` it, or None where there is none
+        Of a `csm.engine_windows.EngineWindows`: the value, `Near` it, or None where there is none
         to write.
     code : str
         A line of the snippet, ``$`` being the value.
@@ -82,7 +82,7 @@ class Fixed:
     of : str
         The setting of ours.
     same : tuple or callable
-        Values of ours that are the same, or what gives them of a Situation; all others have no
+        Values of ours that are the same, or what gives them of an EngineWindows; all others have no
         counterpart.
     text : str
         What the engine does.
@@ -105,11 +105,11 @@ class Engine:
     map_size : callable
         Of our size and the number of cascades there: the side of a cascade's map.
     fit : callable
-        Of a Situation: which of our fits its windows are like.
+        Of an EngineWindows: which of our fits its windows are like.
     kernel : callable
-        Of a Situation: texels along the filter that it will use, for the bias.
+        Of an EngineWindows: texels along the filter that it will use, for the bias.
     depth : callable
-        Of a Situation: which of our depth formats and ranges its maps are like, for the bias.
+        Of an EngineWindows: which of our depth formats and ranges its maps are like, for the bias.
     settings : tuple of Setting
     fixed : tuple of Fixed
     off : Setting

@@ -7,7 +7,7 @@ import numpy as np
 from .cascades import check_kinds, fit_cascades
 from .decisions import TABLE
 from .engine_rows import BLEND, SPLITS, Near, held
-from .engine_situation import Situation
+from .engine_windows import EngineWindows
 from .engines_desktop import GODOT, UNITY
 from .engines_native import FILAMENT, UNREAL
 from .engines_web import BABYLON, THREE
@@ -190,7 +190,7 @@ def export_settings(settings, engine, *, camera, sun, scene=None, splits=None, t
     splits = _splits(canonical, camera, sun, scene, splits)
     texels = _texels(texels, len(splits) - 1)
     row = ENGINES[engine]
-    return _exported(engine, row, Situation(row, canonical, camera, sun, scene, splits, texels))
+    return _exported(engine, row, EngineWindows(row, canonical, camera, sun, scene, splits, texels))
 
 
 def _texels(texels, count):

@@ -4,6 +4,7 @@ import os
 
 from .arguments import (
     add_backend_option,
+    check_sun_diameter,
     find_cameras,
     find_scene,
     find_suns,
@@ -108,6 +109,7 @@ def add_recommend_options(command):
 def run_recommend(options):
     """Run the subcommand; 1 if the goal is out of reach."""
     size = parse_size(options.size)
+    check_sun_diameter(options.sun_diameter)
     out = None if options.out is None else parse_file("--out", options.out, SUFFIXES)
     exports = _parse_exports(options.exports)
     goal = checked_goal(options.max_error, options.budget_ms, options.max_bytes)

@@ -7,6 +7,7 @@ from pathlib import Path
 from .arguments import (
     add_backend_option,
     check_folder,
+    check_sun_diameter,
     find_camera,
     find_scene,
     find_sun,
@@ -22,7 +23,6 @@ from .report_runs import sweep_techniques
 from .reports import report
 from .scenes import SCENES
 from .spaces import as_number, as_whole
-from .sun import Sun
 from .sweep_command import interrupted
 from .techniques import FAMILIES, settings_by_name
 from .timing import MOST_REPEATS
@@ -172,9 +172,7 @@ def run_report(options):
             error = as_number("standard_error", error, 1e-9, 1.0)
             if rays < 2:
                 raise ValueError(f"takes --rays of 2 or more (got {rays})")
-    if options.sun_diameter is not None:
-        with named("--sun-diameter"):
-            Sun((0.0, 1.0, 0.0), options.sun_diameter)
+    check_sun_diameter(options.sun_diameter)
     check_folder(folder)
     if options.hard_cases is not None:
         kept_rows(options.hard_cases)

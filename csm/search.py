@@ -10,7 +10,11 @@ from .arrangements import LEFT_OUT
 from .candidates import Family
 from .caster_sides import FACES_SHARE
 from .costs import CostModel, forecast_cost
-from .decisions import (
+from .forecasts import Expected, Forecaster, Missed, rest_of
+from .map_shares import filling_burden, size_parts, unequal_sizes
+from .plans import map_bytes
+from .settings import ShadowSettings, changed, map_texels
+from .situations import (
     COUNTS,
     GAIN,
     SMALLEST,
@@ -22,10 +26,6 @@ from .decisions import (
     wanted_faces,
     wanted_size,
 )
-from .forecasts import Expected, Forecaster, Missed, rest_of
-from .map_shares import filling_burden, size_parts, unequal_sizes
-from .plans import map_bytes
-from .settings import ShadowSettings, changed, map_texels
 from .verification import everything_on
 
 __all__ = ["Forecast", "Search"]
@@ -34,7 +34,7 @@ STEPS = 4  # of sizes, from one to its double
 SIZES = tuple(round(SMALLEST * 2 ** (k / STEPS)) for k in range(4 * STEPS + 1))  # to 4096
 #: Split schemes between which the forecast chooses: the first is that of all defaults. The later
 #: ones cut nearer slices, the last in equal ratios of depth.
-SPLITS = (
+SCHEMES = (
     {"split": "practical"},
     {"split": "practical", "lam": 0.75},
     {"split": "practical", "lam": 0.9},
@@ -425,7 +425,7 @@ class Search:
 
     def _split(self, settings):
         """Settings by the scheme that costs least, and by what is seen if that costs less."""
-        schemes = [changed(settings, **one) for one in SPLITS]
+        schemes = [changed(settings, **one) for one in SCHEMES]
         held = [one for one in schemes if not self.forecaster.has_idle_cascades(one)]
         burdens = [self._burden(one) for one in held]
         best = [

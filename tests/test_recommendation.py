@@ -12,11 +12,12 @@ import pytest
 
 import csm
 from csm import cli, shapes, verification
-from csm.decisions import SMALLEST, TABLE, Situation, wanted_format
+from csm.decisions import TABLE
 from csm.forecasts import DISC, Forecaster
 from csm.plans import map_bytes
 from csm.recommendation import Reasons
 from csm.signals import measure_signals
+from csm.situations import SMALLEST, Situation, wanted_format
 from csm.verification import everything_on
 
 SIZE = (320, 180)

@@ -21,12 +21,13 @@ from csm.caster_sides import (
 )
 from csm.coarse_look import outline_of
 from csm.costs import CostModel, forecast_cost
-from csm.decisions import TABLE, TAPS
+from csm.decisions import TABLE
 from csm.forecasts import Forecaster
 from csm.plans import map_bytes
 from csm.recommendation import Reasons, obstacle_of
 from csm.search import Search
 from csm.signals import measure_signals
+from csm.situations import TAPS
 from csm.spaces import light_gradients
 from csm.verification import FLICKER_FRAMES, FLICKER_POINTS, picture_error
 

@@ -9,10 +9,10 @@ from .cascades import bias_metres, fit_cascades
 from .conversions import resampled
 from .settings import ShadowSettings, map_sizes
 
-__all__ = ["Situation"]
+__all__ = ["EngineWindows"]
 
 
-class Situation:
+class EngineWindows:
     """What the rows of an engine are asked about: our settings, in the engine's own windows.
 
     Attributes
