@@ -13,6 +13,7 @@ from .formats import named
 from .loading import load, load_elevation
 from .scenes import SCENES
 from .settings import ShadowSettings
+from .spaces import as_number
 from .sun import Sun
 from .tracing import MAX_RAYS_PER_PIXEL
 
@@ -248,6 +249,23 @@ def find_sun(scene, text, diameter=None, said="--sun"):
         numbers = _numbers(said, text, 2, 3)
         sun = Sun(numbers) if len(numbers) == 3 else Sun.from_compass(*numbers)
     return name, sun if diameter is None else Sun(sun.to_light, diameter)
+
+
+def check_ground(height):
+    """Refuse a ``--ground`` that is no height, before a scene is loaded for it.
+
+    Parameters
+    ----------
+    height : float or None
+        In metres.
+
+    Raises
+    ------
+    ValueError
+        If it is not finite.
+    """
+    if height is not None:
+        as_number("--ground", height, rule="a finite height in metres")
 
 
 def check_sun_diameter(diameter):

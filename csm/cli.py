@@ -14,6 +14,7 @@ from .arguments import (
     INTERRUPTED,
     add_backend_option,
     check_folder,
+    check_ground,
     check_sun_diameter,
     find_camera,
     find_scene,
@@ -317,6 +318,7 @@ def _render(options):
     if options.causes and not options.truth:
         raise ValueError("--causes needs --truth")
     rays = 1 if options.rays is None else parse_rays(options.rays)
+    check_ground(options.ground)
     check_sun_diameter(options.sun_diameter)
     folder = parse_folder(options.out)
     check_folder(folder)

@@ -12,7 +12,7 @@ from . import _core
 from .arrangements import FARTHEST, USUAL, Arranged, narrowest
 from .settings import ShadowSettings, changed, map_sizes
 
-__all__ = ["Expected", "Forecaster", "Missed", "rest_of", "sides_of"]
+__all__ = ["Expected", "Forecaster", "Missed", "check_known", "rest_of", "sides_of"]
 
 # A disc's penumbra of width w differs from a hard edge by 2 w / (3 pi) pixels a pixel of edge.
 DISC = 2.0 / (3.0 * math.pi)
@@ -58,6 +58,47 @@ class Expected:
     error: float
     held: float
     left_out: float
+
+
+def _by_hand(settings):
+    names = "constant_bias_texels", "slope_bias", "normal_offset_texels"
+    return any(getattr(settings, name) for name in names)
+
+
+#: What is forecast, setting by setting; others change errors or costs by what no signal tells.
+KNOWN = (
+    ("filter", "none, hard or pcss", lambda s: s.filter in ("none", "hard", "pcss")),
+    ("pcss_map", "depth", lambda s: s.pcss_map == "depth"),
+    (
+        "bias",
+        "auto, or manual without any where caster_faces is back",
+        lambda s: s.bias == "auto" or (s.caster_faces == "back" and not _by_hand(s)),
+    ),
+    ("depth_range", "anything but manual", lambda s: s.depth_range != "manual"),
+    ("max_distance", "0", lambda s: s.max_distance == 0.0),
+    ("fade_width", "0", lambda s: s.fade_width == 0.0),
+    ("sun_step_deg", "0", lambda s: s.sun_step_deg == 0.0),
+)
+
+
+def check_known(settings):
+    """Refuse settings of which no error is forecast.
+
+    Parameters
+    ----------
+    settings : ShadowSettings
+
+    Raises
+    ------
+    ValueError
+        Naming the first of them, its value and what is forecast.
+    """
+    own = settings.canonical()  # what means nothing beside the others is as it is by default
+    for name, allowed, known in KNOWN:
+        if not known(own):
+            raise ValueError(
+                f"settings.{name} must be {allowed} to be forecast (got {getattr(own, name)!r})"
+            )
 
 
 class Missed(NamedTuple):

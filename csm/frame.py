@@ -139,8 +139,10 @@ class Frame:
 
     def __repr__(self):
         width, height = self.camera.size
-        total = sum(self.timings_ms.values())
-        return f"Frame({width}x{height}, {', '.join(self._arrays)}; {total:.1f} ms)"
+        total = f"{sum(self.timings_ms.values()):.1f} ms"
+        if list(self.timings_ms) == ["readback"]:  # no pass ran, or none was timed
+            total = f"readback {total}"
+        return f"Frame({width}x{height}, {', '.join(self._arrays)}; {total})"
 
 
 def array_shapes(camera, settings, outputs, point_count):

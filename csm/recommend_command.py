@@ -4,6 +4,7 @@ import os
 
 from .arguments import (
     add_backend_option,
+    check_ground,
     check_sun_diameter,
     find_cameras,
     find_scene,
@@ -109,6 +110,7 @@ def add_recommend_options(command):
 def run_recommend(options):
     """Run the subcommand; 1 if the goal is out of reach."""
     size = parse_size(options.size)
+    check_ground(options.ground)
     check_sun_diameter(options.sun_diameter)
     out = None if options.out is None else parse_file("--out", options.out, SUFFIXES)
     exports = _parse_exports(options.exports)

@@ -15,6 +15,7 @@ from .costs import CostModel, cost_model_of
 from .decisions import TABLE
 from .digests import scene_digest
 from .export import export_settings
+from .forecasts import check_known
 from .formats import Recorded
 from .plans import map_bytes
 from .record_rules import GOAL_RANGES
@@ -117,16 +118,20 @@ class Recommendation(Recorded):
         -------
         forecast : Forecast
             Error and milliseconds as `expected_error` and `expected_ms`, and whether the goal is
-            met: with neither goal that of the knee. What steps of depth leave is not forecast.
+            met: with neither goal that of the knee. What steps of depth leave is not forecast, nor
+            what blending, or reading depths from another plane than the normal's, change.
 
         Raises
         ------
         TypeError
             If `settings` are none.
         ValueError
-            If it was read from a file, which holds no coarse pictures.
+            If no error is forecast of them: filters other than ``hard`` and ``pcss`` (of depths),
+            biases by hand but of back sides without any, ranges that end in sight or are given,
+            stepped suns. If it was read from a file, which holds no coarse pictures.
         """
         check_kinds(settings=settings)
+        check_known(settings)
         return self._measured().forecast(settings, self._model)
 
     @property
@@ -551,13 +556,15 @@ def _path(value, kind, name):
     if isinstance(value, kind):
         return (value,)
     try:
-        several = tuple(value)
+        several = () if isinstance(value, str) else tuple(value)
     except TypeError:
         several = ()
     wrong = next((one for one in several if not isinstance(one, kind)), value)
     if not several or wrong is not value:
         got = f"one with {wrong!r}" if several else type(value).__name__
-        if not several and isinstance(value, (list, tuple)):
+        if isinstance(value, str):
+            got = repr(value)
+        elif not several and isinstance(value, (list, tuple)):
             got = "an empty one"
         raise TypeError(f"{name} must be a csm.{kind.__name__} or a sequence of them (got {got})")
     return several

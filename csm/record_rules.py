@@ -9,6 +9,7 @@ import math
 
 from .decisions import TABLE, value_of
 from .plans import map_bytes
+from .situations import Situation
 
 __all__ = ["GOAL_RANGES", "check_agreement"]
 
@@ -25,7 +26,7 @@ NOT_NEGATIVE = (
 #: Of what is expected of the settings, the goal that bounds it.
 GOAL_OF = {"expected_error": "max_error", "expected_ms": "budget_ms", "map_bytes": "max_bytes"}
 ROUNDING = 1e-9  # beyond 1 that a share may be by its sums
-EFFECTS = tuple(row.effect for row in TABLE)
+ROWS = {row.effect: row for row in TABLE}
 
 
 def check_agreement(found):
@@ -41,7 +42,8 @@ def check_agreement(found):
     ValueError
         Naming the key, its value and what is allowed.
     """
-    _check_windows(found["settings"], found["splits"], found["texels"])
+    (first, *_), _ = found["path"]
+    _check_windows(found["settings"], found["splits"], found["texels"], first)
     expected = map_bytes(found["settings"])
     if found["map_bytes"] != expected:
         raise ValueError(
@@ -65,11 +67,11 @@ def check_agreement(found):
                 f"(got {found[name]} and {most})"
             )
     _check_signals(found["signals"])
-    _check_reasons(found["reasons"], found["settings"])
+    _check_reasons(found["reasons"], Situation(found["signals"], None, found["settings"]))
 
 
-def _check_windows(settings, splits, texels):
-    """One slice and one texel a cascade; none without maps."""
+def _check_windows(settings, splits, texels, camera):
+    """One slice and one texel a cascade, in what the camera sees; none without maps."""
     if settings.filter == "none":
         for name, given in (("splits", splits), ("texels", texels)):
             if len(given):
@@ -86,6 +88,12 @@ def _check_windows(settings, splits, texels):
         raise ValueError(
             f"splits must be {count + 1} ascending view depths [m], as settings.cascade_count is "
             f"{count} (got {list(splits)})"
+        )
+    slack = ROUNDING * camera.far
+    if not camera.near - slack <= splits[0] < splits[-1] <= camera.far + slack:
+        raise ValueError(
+            f"splits must lie between the first camera's near {camera.near:g} and far "
+            f"{camera.far:g} (got {list(splits)})"
         )
     good = all(math.isfinite(one) and one >= 0.0 for one in texels)
     if len(texels) != count or not good:
@@ -111,23 +119,28 @@ def _check_signals(signals):
                     raise ValueError(f"signals.{name} must be {rule} (got {one:g})")
 
 
-def _check_reasons(reasons, settings):
-    """Every reason is about another effect, and gives the value that the settings have."""
+def _check_reasons(reasons, at):
+    """Every reason is about another effect, and gives what the settings have of it."""
     if not reasons:
-        raise ValueError(f"reasons must not be empty: there are {', '.join(EFFECTS)}")
+        raise ValueError(f"reasons must not be empty: there are {', '.join(ROWS)}")
     seen = set()
     for number, reason in enumerate(reasons):
         where = f"reasons[{number}]"
-        if reason.effect not in EFFECTS:
+        if reason.effect not in ROWS:
             raise ValueError(
-                f"{where}: effect must be one of {', '.join(EFFECTS)} (got {reason.effect!r})"
+                f"{where}: effect must be one of {', '.join(ROWS)} (got {reason.effect!r})"
             )
         if reason.effect in seen:
             raise ValueError(f"{where}: effect {reason.effect!r} is there twice")
         seen.add(reason.effect)
-        value = value_of(reason.effect, settings)
+        value, taken = value_of(reason.effect, at.settings), bool(ROWS[reason.effect].taken(at))
         if reason.value != value:
             raise ValueError(
                 f"{where}: value of {reason.effect!r} must be {value!r}, as in settings "
                 f"(got {reason.value!r})"
+            )
+        if reason.taken != taken:
+            raise ValueError(
+                f"{where}: taken of {reason.effect!r} must be {taken}, as in settings "
+                f"(got {reason.taken})"
             )

@@ -125,8 +125,10 @@ def read_values(values):
     check_keys("scene", values["scene"], ("digest", "bounds"), ("digest", "bounds"))
     check_keys("path", values["path"], ("cameras", "suns"), ("cameras", "suns"))
     bounds = real_array("scene.bounds", values["scene"]["bounds"]).astype(np.float64)
-    if bounds.shape != (2, 3) or not np.isfinite(bounds).all():
-        raise ValueError(f"scene.bounds must be two points (got {bounds.tolist()})")
+    if bounds.shape != (2, 3) or not (np.isfinite(bounds).all() and (bounds[0] <= bounds[1]).all()):
+        raise ValueError(
+            f"scene.bounds must be two points, least and greatest (got {bounds.tolist()})"
+        )
     obstacle = values.get("obstacle")
     found = {
         "settings": settings,

@@ -299,15 +299,15 @@ class Search:
         if budget is not None:
             return least(affordable, error, costs, texels)
         called_for = self.families[0].arranged.filter
-        affordable &= self._filtered_by(called_for)
         knee = self._knee(called_for, model)
-        good = affordable & knee.holds(self._expected)
+        good = affordable & self._filtered_by(called_for) & knee.holds(self._expected)
         if good.any():
             nearly_free = good & (costs <= costs[good].min() + NEARLY_FREE * knee.full_ms)
             effects = self._by_family(lambda one: one.effects)
             nearly_free &= effects == effects[nearly_free].min()
             nearly_free &= error <= error[nearly_free].min() + NO_MATTER
             return least(nearly_free, costs, error, texels)
+        # what is called for is not to be had: soft edges by few texels are no better than hard ones
         return least(affordable, error, costs, texels)
 
     def _knee(self, called_for, model):

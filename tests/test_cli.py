@@ -211,6 +211,7 @@ def test_python_m_csm_is_csm():
         (["town", "--sun", "10,95"], "elevation_deg must be a number from -90 to 90.*95"),
         (["town", "--sun", "1,nan,0"], "--sun must be 2 or 3 numbers"),
         (["town", "--sun-diameter", "200"], "angular_diameter_deg must be .*200"),
+        (["gone.glb", "--ground", "nan"], "--ground must be a finite height in metres .*nan"),
         (["gone.glb", "--sun-diameter", "-1"], "--sun-diameter: angular_diameter_deg must"),
         (["town", "--size", "1280"], "--size must be WIDTHxHEIGHT.*'1280'"),
         (["town", "--set", "map_size"], "--set takes key=value.*'map_size'"),

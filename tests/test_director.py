@@ -407,6 +407,20 @@ def test_director_closes_a_renderer_of_its_own(gl):
 # -- recommendations that it weighs ----------------------------------------------------------------
 
 
+UNKNOWN = [
+    {"filter": "vsm"},
+    {"filter": "pcf", "filter_size": 33},
+    {"pcss_map": "summed", "filter": "pcss"},
+    {"bias": "manual", "caster_faces": "both"},
+    {"bias": "manual", "caster_faces": "back", "slope_bias": 1.0},
+    {"bias": "manual", "caster_faces": "back", "constant_bias_texels": -1.0},
+    {"depth_range": "manual", "manual_depth_range": (1.0, 2.0)},
+    {"max_distance": 5.0},
+    {"fade_width": 1.0},
+    {"sun_step_deg": 1.0},
+]
+
+
 def test_forecast_of_what_was_recommended_is_its_own(renderer, boundary):
     scene, near, far, limit = boundary
     found = [csm.recommend(scene, one, BOX_SUN, max_error=limit, renderer=renderer)
@@ -422,6 +436,15 @@ def test_forecast_of_what_was_recommended_is_its_own(renderer, boundary):
     assert not found[0].forecast(both.replace(map_size=16)).met
     with pytest.raises(TypeError, match="settings must be"):
         found[0].forecast(None)
+    for changes in UNKNOWN:
+        name = next(iter(changes))
+        with pytest.raises(ValueError, match=f"settings.{name} must be .* to be forecast"):
+            found[0].forecast(both.replace(**changes))
+    # of hard edges neither says anything
+    plain = both.replace(pcss_map="variance", kernel="world")
+    assert found[0].forecast(plain) == found[0].forecast(both)
+    backs = both.replace(bias="manual", caster_faces="back")
+    assert found[0].forecast(backs).error <= found[0].forecast(both).error
     read = csm.Recommendation.from_json(found[0].to_json())
     with pytest.raises(ValueError, match="read from a file forecasts no other settings"):
         read.forecast(both)

@@ -67,10 +67,18 @@ def test_as_many_of_both_or_one(capsys):
     assert "did you mean 'corner'?" in capsys.readouterr().err
 
 
-def test_a_goal_is_checked_before_a_scene_is_looked_for(capsys):
-    assert cli.main(["recommend", "missing.glb", "--max-error", "2"]) == 2
+@pytest.mark.parametrize(
+    ("option", "value", "words"),
+    [
+        ("--max-error", "2", "max_error"),
+        ("--ground", "inf", "--ground must be a finite height in metres (got inf)"),
+        ("--sun-diameter", "400", "--sun-diameter: angular_diameter_deg must be"),
+    ],
+)
+def test_what_is_refused_is_refused_before_a_scene_is_looked_for(capsys, option, value, words):
+    assert cli.main(["recommend", "missing.glb", option, value]) == 2
     said = capsys.readouterr().err
-    assert "max_error" in said
+    assert words in said
     assert "missing" not in said
 
 

@@ -375,6 +375,7 @@ def test_same_input_same_answer(renderer, box):
         ({"budget_ms": 0.0}, ValueError, "budget_ms"),
         ({"max_bytes": 0}, ValueError, "max_bytes"),
         ({"camera": 3}, TypeError, "camera must be a csm.Camera"),
+        ({"camera": "street"}, TypeError, "sequence of them .got 'street'"),
         ({"sun": []}, TypeError, "sun must be a csm.Sun"),
         ({"scene": None}, TypeError, "scene"),
         (

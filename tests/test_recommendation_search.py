@@ -214,6 +214,25 @@ def test_soft_shadows_are_taken_where_only_they_reach_the_error_asked_for(render
     assert found.met
 
 
+def test_few_bytes_are_not_spent_on_soft_edges_that_err_more(renderer):
+    """Where the knee is out of reach, the nearest is the least error there is, whatever the filter:
+    by a map of 256² soft edges were forecast to miss more than hard ones, for twice the time."""
+    scene = csm.scenes.town()
+    camera, sun = scene.cameras["street"].replace(size=(320, 180)), scene.suns["afternoon"]
+    signals = measure_signals(renderer, scene, (camera,), (sun,))
+    chosen = {}
+    for most in (2**17, 2**22):
+        search = Search(signals, scene, {**NO_GOAL, "max_bytes": most}, 16384)
+        one, model = search.choose(search.model), search.model
+        assert not search.forecast(one.settings, model).met
+        assert one.error == search.least_error()
+        every = search.candidates(model)
+        assert {other.arranged.filter for other in every} == {"hard", "pcss"}
+        assert not any(other.error <= one.error and other.ms < one.ms for other in every)
+        chosen[most] = one.arranged.filter
+    assert chosen == {2**17: "hard", 2**22: "pcss"}
+
+
 def test_orthographic_sky_is_no_receiver_and_one_map_is_not_split(renderer):
     scene = csm.scenes.town(8000)
     camera = csm.Camera.orthographic(

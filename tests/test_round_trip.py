@@ -303,6 +303,23 @@ def test_settings_of_a_recommendation_are_read_from_its_file(tmp_path, found):
             ValueError, ["splits", "ascending", "settings.cascade_count"],
         ),
         (lambda v: v["splits"].reverse(), ValueError, ["splits", "ascending"]),
+        (
+            lambda v: v["splits"].__setitem__(-1, 1e8),
+            ValueError, ["splits", "first camera's near", "1000000"],
+        ),
+        (lambda v: v["splits"].__setitem__(0, -1.0), ValueError, ["splits", "near", "-1"]),
+        (
+            lambda v: v["scene"].update(bounds=[[1, 1, 1], [0, 2, 2]]),
+            ValueError, ["scene.bounds", "least and greatest"],
+        ),
+        (
+            lambda v: v["reasons"][0].update(taken=False),
+            ValueError, ["reasons[0]", "taken of 'shadows' must be True", "False"],
+        ),
+        (
+            lambda v: v["reasons"][-1].update(taken=not v["reasons"][-1]["taken"]),
+            ValueError, ["reasons[", "taken of", "as in settings"],
+        ),
         (lambda v: v["texels"].append(0.1), ValueError, ["texels", "settings.cascade_count"]),
         (lambda v: v["texels"].__setitem__(0, -0.1), ValueError, ["texels", "-0.1"]),
         (lambda v: v.update(map_bytes=-4), ValueError, ["map_bytes", "settings", "-4"]),
