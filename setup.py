@@ -21,7 +21,7 @@ CORE = (
     " caster_sample storage bias plan shader_source"
 )
 GL = (
-    "debug context context_egl context_osmesa context_glfw program target mesh timer"
+    "debug context context_saved context_egl context_osmesa context_glfw program target mesh timer"
     " uniforms kept_maps pass_view pass_receivers pass_shadow_map pass_shadow_filter"
     " pass_shadow_mask pass_shadow_forward renderer visibility"
 )

@@ -261,7 +261,10 @@ TABLE = (
     Decision(
         effect="split",
         calls_for="slices whose receivers ask for texels of another scale, or that have none",
-        threshold="maps cost 1 % less for an error than by the practical scheme with lam 0.5",
+        threshold=(
+            f"maps cost {_percent(GAIN)} less for an error than by the practical scheme with "
+            "lam 0.5"
+        ),
         source="forecast; docs/recommendation.md, docs/numerics.md 17",
         cost="nothing; by what is seen (sdsm) a reduction over the picture",
         taken=lambda at: several(at) and not is_default_split(at.settings),
@@ -301,7 +304,10 @@ TABLE = (
     Decision(
         effect="select",
         calls_for="several maps that overlap: the finest that holds a point answers",
-        threshold="several cascades, and 1 % of error or casters that finer maps make needless",
+        threshold=(
+            f"several cascades, and {_percent(GAIN)} of error or casters that finer maps make "
+            "needless"
+        ),
         source="docs/numerics.md 9 and 24",
         cost="a few multiplications a pixel",
         taken=lambda at: several(at) and at.settings.select == "map",
@@ -390,7 +396,9 @@ TABLE = (
     Decision(
         effect="blend",
         calls_for="a visible boundary of cascades whose texels differ, under a soft filter",
-        threshold="never: where texels differ by a factor of 7 it changes no error by 1 %",
+        threshold=(
+            f"never: where texels differ by a factor of 7 it changes no error by {_percent(GAIN)}"
+        ),
         source="measured: docs/recommendation.md; hard edges: docs/numerics.md 9, 24",
         cost="two maps looked up in the band",
         taken=lambda at: at.settings.blend != "none",

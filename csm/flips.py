@@ -18,7 +18,6 @@ __all__ = [
     "other_filter",
     "other_split",
     "other_warp",
-    "rearranged",
     "resized",
 ]
 
@@ -31,10 +30,10 @@ def equal_memory(at):
 
 def fewer(at):
     """The next smaller number of maps that is considered."""
-    return rearranged(at, cascade_count=max(n for n in COUNTS if n < at.settings.cascade_count))
+    return _rearranged(at, cascade_count=max(n for n in COUNTS if n < at.settings.cascade_count))
 
 
-def rearranged(at, **changes):
+def _rearranged(at, **changes):
     """Changes, and, of unequal maps, as many texels shared out anew among the other windows."""
     settings = at.settings
     if not isinstance(settings.map_size, tuple):
@@ -94,8 +93,8 @@ def other_split(at):
     if any(view.camera.near <= 0.0 for view in at.signals.views):
         return None
     if is_default_split(at.settings):
-        return rearranged(at, split="sdsm")
-    return rearranged(at, split="practical", lam=0.5)
+        return _rearranged(at, split="sdsm")
+    return _rearranged(at, split="practical", lam=0.5)
 
 
 def other_filter(at):

@@ -68,7 +68,8 @@ class Frame:
     sun : Sun
     settings : ShadowSettings
     timings_ms : dict of str to float
-        Milliseconds per pass, in order; of a frame that was not timed those of ``readback`` alone.
+        Milliseconds per pass, in order; of a frame that was not timed ``readback`` alone, which
+        is no measure of the frame.
     info : dict
         Driver, back end, clock of the timings, bytes, programs, canonical settings, culling:
         ``chunks_drawn`` and ``triangles_drawn`` per cascade, ``chunks_culled`` and, of those,
@@ -140,8 +141,8 @@ class Frame:
     def __repr__(self):
         width, height = self.camera.size
         total = f"{sum(self.timings_ms.values()):.1f} ms"
-        if list(self.timings_ms) == ["readback"]:  # no pass ran, or none was timed
-            total = f"readback {total}"
+        if list(self.timings_ms) == ["readback"]:
+            total = "not timed"
         return f"Frame({width}x{height}, {', '.join(self._arrays)}; {total})"
 
 

@@ -269,8 +269,8 @@ class Renderer:
             ``info["reuse"]`` says for every map what was done. `Director` does this along a path.
         timed : bool
             Whether passes are timed. Each is waited for then, which frames of a few milliseconds
-            on a GPU are longer by. If not, ``timings_ms`` has ``readback`` alone, which waits for
-            all of them, and Ctrl-C may wait for the frame.
+            on a GPU are longer by. If not, the host waits where it reads what the GPU wrote, and
+            ``timings_ms`` has ``readback`` alone, which is no measure of the frame.
 
         Returns
         -------

@@ -973,7 +973,7 @@ typedef struct csm_render_desc {
     const double *point_normals; /* point_count x 3, of unit length, or NULL: unknown */
     size_t point_count;
     int reuse;    /* CSM_REUSE_MAPS_*: what of the last render's maps may serve again */
-    bool untimed; /* no pass is waited for: of the times there is the readback's alone */
+    bool untimed; /* no pass is waited for to time it: there is the readback's time alone */
     csm_stop_callback stop;
     void *stop_user;
 } csm_render_desc;

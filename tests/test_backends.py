@@ -200,6 +200,55 @@ def test_without_a_foreign_context_none_is_left_behind(open_backends, backend):
         foreign.close()
 
 
+LATE = """
+import ctypes, sys
+import csm
+
+scene = csm.scenes.plane_and_box()
+camera, sun = scene.cameras["corner"].replace(size=(64, 36)), scene.suns["diagonal"]
+renderer = csm.Renderer(sys.argv[1], debug=True)
+mask = renderer.render(scene, camera, sun).mask
+
+def is_loaded(name):
+    return any(name in line for line in open("/proc/self/maps"))
+
+if sys.argv[1] == "osmesa":
+    assert not is_loaded("libEGL.so")
+    egl = ctypes.CDLL("libEGL.so.1")
+    for name in ("GetPlatformDisplay", "CreateContext", "GetCurrentContext"):
+        getattr(egl, f"egl{name}").restype = ctypes.c_void_p
+    none, current = ctypes.c_void_p(), egl.eglGetCurrentContext
+    display = ctypes.c_void_p(egl.eglGetPlatformDisplay(0x31DD, None, None))  # surfaceless
+    assert egl.eglInitialize(display, None, None) and egl.eglBindAPI(0x30A2)
+    context = egl.eglCreateContext(display, none, none, (ctypes.c_int * 1)(0x3038))
+    assert egl.eglMakeCurrent(display, none, none, ctypes.c_void_p(context))
+else:
+    assert not is_loaded("libOSMesa.so")
+    osmesa = ctypes.CDLL("libOSMesa.so.8")
+    osmesa.OSMesaCreateContext.restype = ctypes.c_void_p
+    current = osmesa.OSMesaGetCurrentContext
+    current.restype = ctypes.c_void_p
+    pixels = ctypes.create_string_buffer(8 * 8 * 4)
+    context = osmesa.OSMesaCreateContext(0x1908, None)  # GL_RGBA
+    assert osmesa.OSMesaMakeCurrent(ctypes.c_void_p(context), pixels, 0x1401, 8, 8)
+assert context and current() == context
+for _ in range(3):
+    assert renderer.render(scene, camera, sun).mask.tobytes() == mask.tobytes()
+    assert current() == context
+renderer.close()
+assert current() == context
+print("current")
+"""
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_library_that_comes_later_keeps_its_context(open_backends, backend):
+    """What libraries there are is known from the first frame on, until one comes or goes."""
+    need(open_backends, backend, "egl" if backend == "osmesa" else "osmesa")
+    result = run_python(LATE, backend)
+    assert result.stdout.strip() == "current", result.stderr
+
+
 MODERNGL = """
 import sys
 import moderngl, csm

@@ -86,7 +86,7 @@ def thin_by_hand(frame):
                 for dv, du in ((1, 0), (0, 1)):
                     sides = [
                         any(
-                            depths[(v + s * k * dv) % n, (u + s * k * du) % n] - depths[v, u] > jump
+                            depths[(v + s * k * dv) % n, (u + s * k * du) % n] > depths[v, u] + jump
                             for k in (1, 2)
                         )
                         for s in (-1, 1)
@@ -107,6 +107,19 @@ def test_thin_share_by_hand(size, cast):
     frame = maps_of(depths)
     assert thin_share_of(frame) == thin_by_hand(frame)
     assert thin_share_of(maps_of(depths[2:])) == 0.0
+
+
+@pytest.mark.parametrize("axis", [0, 1])
+@pytest.mark.parametrize("place", [0, 1, 4, 63])
+def test_what_is_just_a_jump_farther_off_is_not_something_else(axis, place):
+    """Whatever rounds: both depths and the jump, 4 texels of 3/64 m over a metre, are exact."""
+    depths = np.ones((1, 64, 64))
+    at = [0, slice(None), slice(None)]
+    at[1 + axis] = place
+    for near, expected in ((0.8125, 0.0), (0.75, 1.0)):
+        depths[tuple(at)] = near
+        frame = maps_of(depths, texel=3 / 64, span=1.0)
+        assert thin_share_of(frame) == thin_by_hand(frame) == expected
 
 
 def test_a_map_and_its_transpose_are_as_thin():

@@ -39,7 +39,7 @@ LIBC = {
     "stddef.h", "stdint.h", "stdio.h", "stdlib.h", "string.h",
 }  # fmt: skip
 SYSTEM = LIBC | {
-    "dirent.h", "dlfcn.h", "errno.h", "pthread.h", "stdatomic.h", "sys/types.h", "time.h",
+    "dirent.h", "dlfcn.h", "errno.h", "link.h", "pthread.h", "stdatomic.h", "sys/types.h", "time.h",
     "unistd.h",
 }  # fmt: skip
 

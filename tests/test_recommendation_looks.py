@@ -111,9 +111,11 @@ def test_no_look_waits_for_passes(renderer, monkeypatch):
     monkeypatch.setattr(
         csm.Renderer, "render", lambda *a, **k: frames.append(render(*a, **k)) or frames[-1]
     )
-    camera, sun = scene.cameras["bridge"].replace(size=SIZE), scene.suns["ahead"]
-    measure_signals(renderer, scene, [camera], [sun])
-    assert len(frames) > 2  # the first, one with other sides, one of the horizon
+    for camera in ("bridge", "driver"):  # with finer maps, and with a horizon
+        camera = scene.cameras[camera].replace(size=SIZE)
+        measure_signals(renderer, scene, [camera], [scene.suns["ahead"]])
+    assert {"none", "hard"} == {frame.settings.filter for frame in frames}
+    assert {"both", "back"} <= {frame.settings.caster_faces for frame in frames}
     assert [list(frame.timings_ms) for frame in frames] == len(frames) * [["readback"]]
 
 

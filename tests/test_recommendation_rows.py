@@ -22,12 +22,13 @@ from csm.caster_sides import (
 from csm.coarse_look import outline_of
 from csm.costs import CostModel, forecast_cost
 from csm.decisions import TABLE
+from csm.flips import equal_memory, nearest_faces
 from csm.forecasts import Forecaster
 from csm.plans import map_bytes
 from csm.recommendation import Reasons, obstacle_of
 from csm.search import Search
 from csm.signals import measure_signals
-from csm.situations import TAPS
+from csm.situations import TAPS, Situation
 from csm.spaces import light_gradients
 from csm.verification import FLICKER_FRAMES, FLICKER_POINTS, picture_error
 
@@ -240,6 +241,19 @@ def test_what_a_recommendation_leaves_out_is_absent(renderer, box, sun):
         assert np.array_equal(frame.mask, expected.mask), name
     assert {"blend", "snap", "storage", "depth_range"} <= set(off)
     assert ("filter" in off) == (settings.filter != "pcss")
+
+
+@pytest.mark.parametrize("side", [256, 609, 1024, 4096])
+def test_one_map_turned_round_is_two_of_as_many_texels(side):
+    at = Situation(None, None, csm.ShadowSettings(cascade_count=1, map_size=side))
+    other = equal_memory(at)
+    assert other["cascade_count"] == 2
+    assert 0.98 * side**2 < 2 * other["map_size"] ** 2 <= side**2
+
+
+@pytest.mark.parametrize(("front", "back", "side"), [(0.1, 0.2, "front"), (0.2, 0.1, "back")])
+def test_sides_turned_round_are_those_that_change_less(front, back, side):
+    assert nearest_faces(SimpleNamespace(front_matters=front, faces_matter=back)) == side
 
 
 def test_a_point_has_no_penumbra_and_a_still_no_lattice(renderer):

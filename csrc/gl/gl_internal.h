@@ -40,7 +40,7 @@ typedef struct csm_saved_binding {
     int osmesa_width, osmesa_height;
 } csm_saved_binding;
 
-/* Also releases it, so that any back end can bind. */
+/* context_saved.c. Also releases it, so that any back end can bind. */
 void csm_binding_save(csm_saved_binding *saved);
 void csm_binding_restore(const csm_saved_binding *saved);
 
@@ -139,7 +139,6 @@ typedef struct csm_host_buffer {
 
 typedef struct csm_timer {
     bool queries; /* timer queries on hardware, wall clock around glFinish on software */
-    bool off;     /* this frame's passes are not timed */
     GLuint query;
     double start_ms;
 } csm_timer;
@@ -359,8 +358,8 @@ void csm_frame_write_cascades(csm_frame *frame);
 void csm_frame_write_warps(const csm_frame *frame, csm_warp_uniforms *out);
 
 /* timer.c */
-void csm_timer_start(csm_renderer *renderer);
-void csm_timer_stop(csm_renderer *renderer, csm_render_out *out, const char *name);
+void csm_timer_start(const csm_frame *frame);
+void csm_timer_stop(const csm_frame *frame, const char *name);
 double csm_clock_ms(void);
 
 /* What a fit reads of the frame; settings is where its choices are kept. */

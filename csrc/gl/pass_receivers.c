@@ -34,11 +34,11 @@ static csm_status reduce(csm_frame *frame, csm_pass pass, const char *timing, in
     csm_bind_view_inputs(frame);
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_OUTPUT, buffer, 0, (GLsizeiptr)bytes);
     gl->UseProgram(program);
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     const size_t runs = csm_receiver_runs(camera->width, camera->height);
     gl->DispatchCompute((GLuint)((runs + GROUP - 1) / GROUP), 1, 1);
     gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
-    csm_timer_stop(renderer, frame->out, timing);
+    csm_timer_stop(frame, timing);
     csm_host_buffers_fetch(renderer);
     return CSM_OK;
 }

@@ -86,12 +86,12 @@ csm_status csm_pass_shadow_moments(csm_frame *frame, int cascade, csm_error *err
     const int map = csm_bind_map(frame, cascade);
     gl->BindTextureUnit(UNIT_SAMPLES, renderer->targets[CSM_TARGET_SHADOW_SAMPLES].texture);
     gl->UseProgram(program);
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     for (int slice = 0; slice < frame->moments.slices; slice++) {
         gl->Uniform4i(UNIFORM_PLACE, cascade, slice, size, map);
         run_on_texels(frame, moments_of(frame, cascade, slice), written);
     }
-    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MOMENTS, cascade));
+    csm_timer_stop(frame, csm_step_name(CSM_STEP_SHADOW_MOMENTS, cascade));
     return status;
 }
 
@@ -121,7 +121,7 @@ csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err) {
         return status;
     }
     renderer->gl.UseProgram(program);
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     for (int slice = 0; slice < frame->moments.slices; slice++) {
         const filter_texture moments = moments_of(frame, cascade, slice);
         run_along(frame, moments, between(frame), size, size, 0, 1, cascade);
@@ -131,7 +131,7 @@ csm_status csm_pass_shadow_blur(csm_frame *frame, int cascade, csm_error *err) {
             break;
         }
     }
-    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_BLUR, cascade));
+    csm_timer_stop(frame, csm_step_name(CSM_STEP_SHADOW_BLUR, cascade));
     return status;
 }
 
@@ -147,7 +147,7 @@ csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err) {
         return status;
     }
     renderer->gl.UseProgram(program);
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     filter_texture from = moments_of(frame, cascade, 0), to = between(frame);
     for (int axis = 0; axis < 2; axis++) {
         const int strides = in_compute(frame) ? 1 : size - 1;
@@ -163,16 +163,16 @@ csm_status csm_pass_shadow_sum(csm_frame *frame, int cascade, csm_error *err) {
             to = swap;
         }
     }
-    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_SUM, cascade));
+    csm_timer_stop(frame, csm_step_name(CSM_STEP_SHADOW_SUM, cascade));
     return status;
 }
 
 csm_status csm_pass_shadow_mips(csm_frame *frame, csm_error *err) {
     csm_renderer *renderer = frame->renderer;
     (void)err;
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     renderer->gl.GenerateTextureMipmap(renderer->targets[CSM_TARGET_MOMENTS].texture);
-    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MIPS, -1));
+    csm_timer_stop(frame, csm_step_name(CSM_STEP_SHADOW_MIPS, -1));
     return CSM_OK;
 }
 

@@ -46,7 +46,7 @@ csm_status csm_pass_shadow_forward(csm_frame *frame, csm_error *err) {
     if (status != CSM_OK) {
         return status;
     }
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     clear_outputs(frame);
     csm_mask_bind_inputs(frame);
     csm_mask_set_image(frame, 0, 0);
@@ -58,6 +58,6 @@ csm_status csm_pass_shadow_forward(csm_frame *frame, csm_error *err) {
         status = csm_draw_list_submit(frame, frame->desc->scene, programs, err);
     }
     gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
-    csm_timer_stop(renderer, frame->out, "shadow_forward");
+    csm_timer_stop(frame, "shadow_forward");
     return status;
 }

@@ -257,7 +257,7 @@ static csm_status draw_parts(csm_frame *frame, int cascade, const csm_reuse *reu
     csm_renderer *renderer = frame->renderer;
     const GladGLContext *gl = &renderer->gl;
     csm_status status = CSM_OK;
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     if (cascade == 0 && frame->settings.effects[CSM_EFFECT_TILE_BORDER]) {
         clear_borders(frame);
     }
@@ -278,7 +278,7 @@ static csm_status draw_parts(csm_frame *frame, int cascade, const csm_reuse *reu
     }
     reset_state(frame);
     copy_to_place(frame, cascade);
-    csm_timer_stop(renderer, frame->out, csm_step_name(CSM_STEP_SHADOW_MAP, cascade));
+    csm_timer_stop(frame, csm_step_name(CSM_STEP_SHADOW_MAP, cascade));
     return status;
 }
 

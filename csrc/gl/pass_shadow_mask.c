@@ -163,7 +163,7 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
     int64_t taps_per_row = (int64_t)width * csm_settings_taps(&frame->settings);
     int band = (int)(BAND_TAPS / taps_per_row) / GROUP_HEIGHT * GROUP_HEIGHT;
     band = band < GROUP_HEIGHT ? GROUP_HEIGHT : band;
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     for (int first = 0; first < height; first += band) {
         int rows = height - first < band ? height - first : band;
         if (first > 0 && csm_frame_stopped_after_finish(frame)) {
@@ -179,7 +179,7 @@ csm_status csm_pass_shadow_mask(csm_frame *frame, csm_error *err) {
         }
     }
     gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
-    csm_timer_stop(renderer, frame->out, "shadow_mask");
+    csm_timer_stop(frame, "shadow_mask");
     return status;
 }
 
@@ -237,7 +237,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
     gl->BindBufferRange(GL_SHADER_STORAGE_BUFFER, BLOCK_OUTPUT + CSM_BUFFER_POINTS,
                         renderer->buffers[CSM_BUFFER_POINTS].name, 0, (GLsizeiptr)out_bytes);
     gl->UseProgram(program);
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     size_t band = (size_t)(BAND_TAPS / csm_settings_taps(&frame->settings)) / POINT_GROUP;
     band = (band < 1 ? 1 : band > MAX_GROUPS ? MAX_GROUPS : band) * POINT_GROUP;
     for (size_t first = 0; first < count; first += band) {
@@ -250,7 +250,7 @@ csm_status csm_pass_shadow_points(csm_frame *frame, csm_error *err) {
         gl->DispatchCompute((GLuint)((here + POINT_GROUP - 1) / POINT_GROUP), 1, 1);
     }
     gl->MemoryBarrier(GL_BUFFER_UPDATE_BARRIER_BIT);
-    csm_timer_stop(renderer, frame->out, "shadow_points");
+    csm_timer_stop(frame, "shadow_points");
     frame->out->bytes += out_bytes + (size_t)in_bytes;
     return status;
 }

@@ -48,7 +48,7 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     if (status != CSM_OK) {
         return status;
     }
-    csm_timer_start(renderer);
+    csm_timer_start(frame);
     gl->Viewport(0, 0, camera->width, camera->height);
     gl->Disable(GL_DEPTH_CLAMP);
     gl->Enable(GL_DEPTH_TEST);
@@ -58,7 +58,7 @@ csm_status csm_pass_view(csm_frame *frame, csm_error *err) {
     if (renderer->draws.command_count) {
         status = csm_draw_list_submit(frame, scene, programs, err);
     }
-    csm_timer_stop(renderer, frame->out, "view");
+    csm_timer_stop(frame, "view");
     if (status == CSM_OK) {
         renderer->view = (csm_kept_view){scene, *camera, frame->out->view_items_drawn};
     }

@@ -592,7 +592,6 @@ static csm_status render_bound(csm_frame *frame, csm_error *err) {
         renderer->buffers[kind].used = 0; /* an interrupted frame leaves them set */
     }
     renderer->last.done = false;
-    renderer->timer.off = frame->desc->untimed;
     csm_draw_list_begin(renderer, frame->desc->scene);
     csm_buffer_drop(renderer, &renderer->warp_uniforms);
     csm_status status = csm_targets_fit(renderer, &frame->plan, err);

@@ -75,6 +75,7 @@ static csm_status visibility_bound(csm_renderer *renderer, const csm_visibility_
                             .points = wanted->points,
                             .point_normals = wanted->normals,
                             .point_count = wanted->point_count,
+                            .untimed = true, /* nobody gets its times */
                             .stop = wanted->stop,
                             .stop_user = wanted->stop_user};
     csm_frame frame = {.renderer = renderer,
