@@ -10,6 +10,7 @@ import numpy as np
 
 from . import _core
 from .arrangements import FARTHEST, USUAL, Arranged, narrowest
+from .caster_sides import FACES_SHARE, best_sides
 from .settings import ShadowSettings, changed, map_sizes
 
 __all__ = ["Expected", "Forecaster", "Missed", "check_known", "rest_of", "sides_of"]
@@ -74,6 +75,7 @@ KNOWN = (
         "auto, or manual without any where caster_faces is back",
         lambda s: s.bias == "auto" or (s.caster_faces == "back" and not _by_hand(s)),
     ),
+    ("plane", "normal", lambda s: s.plane == "normal"),
     ("depth_range", "anything but manual", lambda s: s.depth_range != "manual"),
     ("max_distance", "0", lambda s: s.max_distance == 0.0),
     ("fade_width", "0", lambda s: s.fade_width == 0.0),
@@ -193,7 +195,30 @@ class Forecaster:
         if settings.filter == "none":
             dark = float(self.signals.shadowed_share)
             return Expected(dark, dark, 0.0)
-        return self.together(self.missed(settings, map_size, filter_size), rest_of(settings))
+        told = self.together(self.missed(settings, map_size, filter_size), rest_of(settings))
+        more = self.changed_by_sides(settings)
+        return Expected(np.minimum(told.error + more, 1.0), told.held + more, told.left_out)
+
+    def changed_by_sides(self, settings):
+        """What casting by other sides than those that are wanted changes, and no bias under them.
+
+        Parameters
+        ----------
+        settings : ShadowSettings
+
+        Returns
+        -------
+        share : float
+            Of the facing pixels, as coarse pictures have shown it; 0 where none did.
+        """
+        told, faces, share = self.signals, settings.caster_faces, 0.0
+        sides = told.front_matters, told.faces_matter, told.back_gain, told.lit_area
+        measured = {"both": 0.0, "front": told.front_matters, "back": told.faces_matter}[faces]
+        if faces != best_sides(*sides) and measured < 1.0:  # 1: it was not asked
+            share += measured
+        if faces == "back" and settings.bias == "manual" and told.bias_matters > FACES_SHARE:
+            share += told.bias_matters
+        return share
 
     def together(self, missed, rest):
         """Errors of what is missed, under filters that leave a rest of penumbrae.

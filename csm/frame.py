@@ -142,7 +142,7 @@ class Frame:
         width, height = self.camera.size
         total = f"{sum(self.timings_ms.values()):.1f} ms"
         if list(self.timings_ms) == ["readback"]:
-            total = "not timed"
+            total = "no pass timed"
         return f"Frame({width}x{height}, {', '.join(self._arrays)}; {total})"
 
 

@@ -89,8 +89,7 @@ def _check_windows(settings, splits, texels, camera):
             f"splits must be {count + 1} ascending view depths [m], as settings.cascade_count is "
             f"{count} (got {list(splits)})"
         )
-    slack = ROUNDING * camera.far
-    if not camera.near - slack <= splits[0] < splits[-1] <= camera.far + slack:
+    if not camera.near <= splits[0] < splits[-1] <= camera.far:
         raise ValueError(
             f"splits must lie between the first camera's near {camera.near:g} and far "
             f"{camera.far:g} (got {list(splits)})"

@@ -26,7 +26,7 @@ from .situations import (
     wanted_faces,
     wanted_size,
 )
-from .verification import everything_on
+from .verification import everything_over
 
 __all__ = ["Forecast", "Search"]
 
@@ -340,8 +340,7 @@ class Search:
         return self._by_family(lambda one: one.arranged.filter == name)
 
     def _everything_on(self, called_for):
-        first = self.signals.views[0]
-        return everything_on(first.sun, camera=first.camera).replace(filter=called_for)
+        return everything_over(self.signals.views).replace(filter=called_for)
 
     def forecast(self, settings, model):
         """Error and cost of any settings, and whether they meet the goal.

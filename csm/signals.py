@@ -223,6 +223,7 @@ class Signals:
     origin_distance : float
         Of the camera from the scene's origin [m].
     orthographic : bool
+        Any camera.
     camera_moves, sun_moves : bool
         A path was given.
     front_matters : float
@@ -483,7 +484,7 @@ def _summary(scene, views, cameras, suns, sides):
         ),
         depth_span=max(float(one.depth_range[0, 1] - one.depth_range[0, 0]) for one in fitted),
         origin_distance=float(np.linalg.norm(first.camera.eye - scene.origin)),
-        orthographic=first.camera.orthographic,
+        orthographic=any(camera.orthographic for camera in cameras),
         camera_moves=len(cameras) > 1 and any(one != cameras[0] for one in cameras[1:]),
         sun_moves=len(suns) > 1 and any(one != suns[0] for one in suns[1:]),
         front_matters=max(one.front for one in sides),

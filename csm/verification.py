@@ -13,7 +13,7 @@ from .tables import table_html, table_text
 from .timing import all_in_turns, total_ms, warm_up_s
 from .tracing import truth
 
-__all__ = ["Row", "Verification", "everything_on", "verify"]
+__all__ = ["Row", "Verification", "everything_on", "everything_over", "verify"]
 
 SHARE = 0.01  # of the error: a change below it is none
 FLOOR = 1e-5  # of the judged pixels: two of a million-pixel picture that change with anything
@@ -172,6 +172,12 @@ def everything_on(sun, soft_size=33, *, camera=None):
     return settings
 
 
+def everything_over(views, soft_size=33):
+    """`everything_on` that every camera of some views allows, under the first one's sun."""
+    nearest = min((view.camera for view in views), key=lambda camera: camera.near)
+    return everything_on(views[0].sun, soft_size, camera=nearest)
+
+
 def verify(renderer, recommendation, *, rays_per_pixel=None, repeats=3, soft_size=33):
     """Render everything on, the recommendation, and each of its decisions turned round.
 
@@ -193,8 +199,7 @@ def verify(renderer, recommendation, *, rays_per_pixel=None, repeats=3, soft_siz
     """
     judge = _Judge(renderer, recommendation, rays_per_pixel)
     reasons, ours = recommendation.reasons, recommendation.settings
-    first = judge.views[0]
-    wanted = [everything_on(first.sun, soft_size, camera=first.camera), ours]
+    wanted = [everything_over(judge.views, soft_size), ours]
     wanted += [ours if reason.flipped is None else reason.flipped for reason in reasons]
     keys = [settings.canonical() for settings in wanted]
     known = judge.measure(dict(zip(keys, wanted, strict=True)), repeats)

@@ -249,6 +249,32 @@ def test_a_library_that_comes_later_keeps_its_context(open_backends, backend):
     assert result.stdout.strip() == "current", result.stderr
 
 
+GONE = """
+import _ctypes, ctypes, sys
+import csm
+
+scene = csm.scenes.plane_and_box()
+camera, sun = scene.cameras["corner"].replace(size=(64, 36)), scene.suns["diagonal"]
+name = "libEGL.so" if sys.argv[1] == "osmesa" else "libOSMesa.so"
+masks = set()
+with csm.Renderer(sys.argv[1], debug=True) as renderer:
+    for _ in range(3):
+        masks.add(renderer.render(scene, camera, sun).mask.tobytes())
+        library = ctypes.CDLL(f"{name}.{1 if 'EGL' in name else 8}")
+        masks.add(renderer.render(scene, camera, sun).mask.tobytes())
+        _ctypes.dlclose(library._handle)
+print(len(masks))
+"""
+
+
+@pytest.mark.parametrize("backend", BACKENDS)
+def test_a_library_that_goes_is_not_asked_any_more(open_backends, backend):
+    need(open_backends, backend, "egl" if backend == "osmesa" else "osmesa")
+    result = run_python(GONE, backend)
+    assert result.returncode == 0
+    assert result.stdout.strip() == "1", result.stderr
+
+
 MODERNGL = """
 import sys
 import moderngl, csm

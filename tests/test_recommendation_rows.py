@@ -1,6 +1,7 @@
 """Single rows of csm.recommend: sides of casters, taps, flicker, what is off, one map or four."""
 
 import dataclasses
+from dataclasses import replace
 from types import SimpleNamespace
 
 import numpy as np
@@ -241,6 +242,35 @@ def test_what_a_recommendation_leaves_out_is_absent(renderer, box, sun):
         assert np.array_equal(frame.mask, expected.mask), name
     assert {"blend", "snap", "storage", "depth_range"} <= set(off)
     assert ("filter" in off) == (settings.filter != "pcss")
+
+
+@pytest.mark.parametrize(
+    ("shares", "front", "back", "unbiased"),
+    [
+        # front, back, without a bias, what back sides gain
+        ((0.2, 0.1, 0.05, 0.0), 0.2, 0.1, 0.15),
+        ((0.0, 1.0, 0.0, 0.0), 0.0, 0.0, 0.0),  # front sides are wanted, back ones were not asked
+        ((0.2, 0.1, 0.05, 0.9), 0.2, 0.0, 0.05),  # back sides are wanted
+        ((0.2, 1e-4, 1e-4, 0.0), 0.2, 0.0, 0.0),  # likewise, and without a bias
+        ((1.0, 1.0, 0.0, 0.0), 0.0, 0.0, 0.0),  # nothing was in shadow
+    ],
+)
+def test_forecasts_count_what_other_sides_change(renderer, box, shares, front, back, unbiased):
+    names = ("front_matters", "faces_matter", "bias_matters", "back_gain")
+    signals = measure_signals(renderer, box, [view()], [HIGH])
+    told = Forecaster(replace(signals, **dict(zip(names, shares, strict=True))), box)
+    settings = csm.ShadowSettings(map_size=512)
+    plain = told.expected(settings)
+    for changes, expected in (
+        ({"caster_faces": "both"}, 0.0),
+        ({"caster_faces": "front"}, front),
+        ({"caster_faces": "back"}, back),
+    ):
+        other = told.expected(settings.replace(**changes))
+        assert other.error == pytest.approx(plain.error + expected, abs=1e-15)
+        assert other.held == pytest.approx(plain.held + expected, abs=1e-15)
+    by_hand = settings.replace(caster_faces="back", bias="manual")
+    assert told.changed_by_sides(by_hand) == pytest.approx(unbiased, abs=1e-15)
 
 
 @pytest.mark.parametrize("side", [256, 609, 1024, 4096])

@@ -247,6 +247,20 @@ def test_orthographic_sky_is_no_receiver_and_one_map_is_not_split(renderer):
         assert not reason.taken
 
 
+@pytest.mark.parametrize("first", [0, 1])
+def test_a_path_of_both_kinds_of_camera_takes_what_both_allow(renderer, first):
+    scene = csm.scenes.town()
+    camera = scene.cameras["street"].replace(size=(160, 90))
+    flat = camera.replace(orthographic=True, near=-100.0, half_width=20.0, half_height=11.0)
+    path = [camera, flat][:: 1 - 2 * first]
+    sun = scene.suns["noon"]
+    found = csm.recommend(scene, path, sun, renderer=renderer)
+    assert found.signals.orthographic
+    assert found.settings.split == "uniform" or found.settings.cascade_count == 1
+    for one in path:
+        renderer.render(scene, one, sun, found.settings, outputs=("mask",))
+
+
 def test_even_splits_that_are_all_a_camera_allows_are_no_choice(renderer):
     camera = csm.Camera.orthographic(
         (0, 6, 30), (0, 0, 0), height=12, near=-5, far=400, size=(320, 180)

@@ -329,7 +329,7 @@ def test_renderers_and_frames_print_what_they_are(fresh_renderer, scene):
     assert repr(frame).startswith("Frame(160x90, mask, ")
     assert re.search(r"; \d+\.\d ms\)$", repr(frame))
     untimed = draw(renderer, scene, small_scenes.camera(), timed=False)
-    assert repr(untimed).endswith("; not timed)")
+    assert repr(untimed).endswith("; no pass timed)")
     renderer.close()
     assert repr(renderer).endswith("closed>")
 

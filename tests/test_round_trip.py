@@ -265,6 +265,25 @@ def test_scene_is_not_in_a_file_and_is_given_back(tmp_path, renderer, box, found
     assert proofs[0].recommended.error == proofs[1].recommended.error
 
 
+@pytest.mark.parametrize(
+    ("near", "far", "orthographic"),
+    [(-100.0, -1.0, True), (-50.0, 0.0, True), (0.0, 90.0, True), (1e-3, 1e9, False)],
+)
+def test_splits_that_a_camera_allows_are_read_back(renderer, box, near, far, orthographic):
+    """An orthographic camera may see what lies behind it, and nothing else."""
+    camera = view()
+    if orthographic:
+        camera = camera.replace(orthographic=True, half_width=8.0, half_height=4.5)
+    if far <= 0.0:
+        camera = camera.replace(eye=camera.eye - 30.0 * camera.backward)
+    found = csm.recommend(box, camera.replace(near=near, far=far), SUN, renderer=renderer)
+    assert len(found.splits) > 1
+    for kind in ("json", "toml"):
+        text = getattr(found, f"to_{kind}")()
+        again = getattr(csm.Recommendation, f"from_{kind}")(text)
+        assert again == found
+
+
 def test_settings_of_a_recommendation_are_read_from_its_file(tmp_path, found):
     for suffix in SUFFIXES:
         path = tmp_path / f"found{suffix}"

@@ -72,7 +72,7 @@ static void find_all(loaded_functions *out) {
          3);
 }
 
-/* Kept by each thread: a lock would be held by nobody after a fork. */
+/* Kept by each thread: a lock of ours might be held by nobody after a fork. */
 static const loaded_functions *loaded(void) {
     static _Thread_local loaded_functions known;
     static _Thread_local load_count seen;
