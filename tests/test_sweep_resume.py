@@ -117,8 +117,8 @@ def kill_and_resume(tmp_path, shape, kills, processes=1, seed=1):
     for number in range(kills):
         run = Run(tmp_path, folder, shape, processes)
         left = count - len(kept)
-        # A moment among the points that are left, and within one. Before the last third of them: what
-        # is behind the last point comes before the kill on a machine that is busy.
+        # A moment among the points that are left, and within one. Before the last third of them: a
+        # sweep that others slow down may else be at its end before it is killed.
         run.wait_for(len(kept) + chance.randrange(1, max(2, 2 * left // (kills - number + 2))))
         time.sleep(chance.uniform(0.0, 0.02))
         assert run.end(signal.SIGKILL) == -signal.SIGKILL, f"it ended before kill {number}"
