@@ -13,15 +13,14 @@ import os
 import time
 
 import numpy as np
-from bench_recommend import case_names, scenes
+from bench_recommend import ANALYSIS, case_names, scenes
 from cases import note
+from recommend_tables import FRAMES
 
 import csm
 from csm.arguments import parse_size
 from csm.timing import all_in_turns, total_ms, warm_up_s
 
-FRAMES = 3  # of the recommendation, that the analysis may take
-ANALYSIS = "analysis"
 BESIDE = {
     "all that `render` gives by default": {},
     "the same, not timed": {"timed": False},

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 from . import _core
 
-__all__ = ["BACK_GAIN", "FACES_SHARE", "Sides", "best_sides", "measure_sides"]
+__all__ = ["BACK_GAIN", "FACES_SHARE", "Sides", "best_sides", "measure_sides", "wanted_faces"]
 
 FACES_SHARE = 2e-4  # of the coarse picture's facing pixels, that may change with back sides alone
 LIT_MOST = 0.75  # of the casters' area across the light, above which front sides save little
@@ -74,6 +74,13 @@ def best_sides(front, back, gain, lit_area):
     if back <= FACES_SHARE or gain >= BACK_GAIN:
         return "back"
     return "front" if front == 0.0 and lit_area <= LIT_NEARLY_ALL else "both"
+
+
+def wanted_faces(signals):
+    """Sides of triangles that need to cast."""
+    return best_sides(
+        signals.front_matters, signals.faces_matter, signals.back_gain, signals.lit_area
+    )
 
 
 def measure_sides(lit_area, lit, judged, count, again):

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from .settings import MANUAL_BIASES
+
 __all__ = ["Engine", "Fixed", "Near", "Setting"]
 
 SOFT_KERNEL = 5  # texels that the bias of soft shadows is for: their penumbra is not known
@@ -13,10 +15,7 @@ VARIANCE = ("vsm", "evsm2", "evsm4", "esm", "msm", "lvsm", "savsm", "fourier")
 SPLITS = ("split", "lam", "manual_splits", "first_split")
 RANGE = ("max_distance", "view_range")
 BLEND = ("blend", "blend_width")
-BIAS = (
-    *("bias", "bias_side", "constant_bias_texels", "slope_bias", "normal_offset_texels"),
-    "receiver_plane",
-)
+BIAS = ("bias", "bias_side", *MANUAL_BIASES, "receiver_plane")
 FILTER = ("filter", "filter_size", "filter_weights")
 LEAST_SIZE = 4  # of a map that has a texel within the border that its windows leave
 COMMON_SIZE = 4096  # of textures that browsers have nearly everywhere

@@ -7,7 +7,7 @@ import numpy as np
 from . import _core
 from .cascades import bias_metres, fit_cascades
 from .conversions import resampled
-from .settings import ShadowSettings, map_sizes
+from .settings import MANUAL_BIASES, ShadowSettings, map_sizes
 
 __all__ = ["EngineWindows"]
 
@@ -123,18 +123,16 @@ class EngineWindows:
         return constant, (np.sqrt(2.0) * slope + normal) / texel
 
     def _manual(self, probe):
-        names = ("constant_bias_texels", "slope_bias", "normal_offset_texels", "bias_side")
+        names = (*MANUAL_BIASES, "bias_side")
         return probe.replace(**{name: getattr(self.settings, name) for name in names})
 
     @property
     def negative_bias(self):
         """Say which biases by hand are negative, which no engine takes; None without one."""
-        names = ("constant_bias_texels", "slope_bias", "normal_offset_texels")
         if self.settings.bias != "manual":
             return None
-        found = [
-            f"{n} {getattr(self.settings, n):g}" for n in names if getattr(self.settings, n) < 0.0
-        ]
+        values = {name: getattr(self.settings, name) for name in MANUAL_BIASES}
+        found = [f"{name} {value:g}" for name, value in values.items() if value < 0.0]
         return f"negative, held to 0: {', '.join(found)}" if found else None
 
     @property

@@ -10,8 +10,8 @@ import numpy as np
 
 from . import _core
 from .arrangements import FARTHEST, USUAL, Arranged, narrowest
-from .caster_sides import FACES_SHARE, best_sides
-from .settings import ShadowSettings, changed, map_sizes
+from .caster_sides import FACES_SHARE, wanted_faces
+from .settings import MANUAL_BIASES, ShadowSettings, changed, map_sizes
 
 __all__ = ["Expected", "Forecaster", "Missed", "check_known", "rest_of", "sides_of"]
 
@@ -61,11 +61,6 @@ class Expected:
     left_out: float
 
 
-def _by_hand(settings):
-    names = "constant_bias_texels", "slope_bias", "normal_offset_texels"
-    return any(getattr(settings, name) for name in names)
-
-
 #: What is forecast, setting by setting; others change errors or costs by what no signal tells.
 KNOWN = (
     ("filter", "none, hard or pcss", lambda s: s.filter in ("none", "hard", "pcss")),
@@ -73,7 +68,10 @@ KNOWN = (
     (
         "bias",
         "auto, or manual without any where caster_faces is back",
-        lambda s: s.bias == "auto" or (s.caster_faces == "back" and not _by_hand(s)),
+        lambda s: (
+            s.bias == "auto"
+            or (s.caster_faces == "back" and not any(getattr(s, name) for name in MANUAL_BIASES))
+        ),
     ),
     ("plane", "normal", lambda s: s.plane == "normal"),
     ("depth_range", "anything but manual", lambda s: s.depth_range != "manual"),
@@ -212,9 +210,8 @@ class Forecaster:
             Of the facing pixels, as coarse pictures have shown it; 0 where none did.
         """
         told, faces, share = self.signals, settings.caster_faces, 0.0
-        sides = told.front_matters, told.faces_matter, told.back_gain, told.lit_area
         measured = {"both": 0.0, "front": told.front_matters, "back": told.faces_matter}[faces]
-        if faces != best_sides(*sides) and measured < 1.0:  # 1: it was not asked
+        if faces != wanted_faces(told) and measured < 1.0:  # 1: it was not asked
             share += measured
         if faces == "back" and settings.bias == "manual" and told.bias_matters > FACES_SHARE:
             share += told.bias_matters

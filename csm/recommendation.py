@@ -119,7 +119,7 @@ class Recommendation(Recorded):
         forecast : Forecast
             Error and milliseconds as `expected_error` and `expected_ms`, and whether the goal is
             met: with neither goal that of the knee. What steps of depth leave is not forecast, nor
-            what blending, or reading depths from another plane than the normal's, change.
+            what blending changes.
 
         Raises
         ------
@@ -127,8 +127,9 @@ class Recommendation(Recorded):
             If `settings` are none.
         ValueError
             If no error is forecast of them: filters other than ``hard`` and ``pcss`` (of depths),
-            biases by hand but of back sides without any, ranges that end in sight or are given,
-            stepped suns. If it was read from a file, which holds no coarse pictures.
+            biases by hand but of back sides without any, planes by derivatives, ranges that end in
+            sight or are given, stepped suns. If it was read from a file, which holds no coarse
+            pictures.
         """
         check_kinds(settings=settings)
         check_known(settings)

@@ -8,7 +8,7 @@ import numpy as np
 
 from .arrangements import LEFT_OUT
 from .candidates import Family
-from .caster_sides import FACES_SHARE
+from .caster_sides import FACES_SHARE, wanted_faces
 from .costs import CostModel, forecast_cost
 from .forecasts import Expected, Forecaster, Missed, rest_of
 from .map_shares import filling_burden, size_parts, unequal_sizes
@@ -23,7 +23,6 @@ from .situations import (
     WARP_GAIN,
     WORLD_ELEVATION_DEG,
     Situation,
-    wanted_faces,
     wanted_size,
 )
 from .verification import everything_over
@@ -320,7 +319,8 @@ class Search:
         """
         if (called_for, model) in self._known_knees:  # a path asks about every candidate
             return self._known_knees[called_for, model]
-        everything, told = self._everything_on(called_for), self._expected
+        everything = everything_over(self.signals.views).replace(filter=called_for)
+        told = self._expected
         full = self.forecaster.expected(everything)
         margin = max(KNEE_PIXELS, KNEE_SHARE * full.held)
         held = full.held + margin
@@ -338,9 +338,6 @@ class Search:
     def _filtered_by(self, name):
         """Which candidates have a filter (m,)."""
         return self._by_family(lambda one: one.arranged.filter == name)
-
-    def _everything_on(self, called_for):
-        return everything_over(self.signals.views).replace(filter=called_for)
 
     def forecast(self, settings, model):
         """Error and cost of any settings, and whether they meet the goal.

@@ -488,6 +488,8 @@ def draw_alike(one, other):
 
 
 MOST_CASCADES = 8
+#: What a bias by hand is made of.
+MANUAL_BIASES = ("constant_bias_texels", "slope_bias", "normal_offset_texels")
 _KINDS = {field.name: field.type for field in fields(ShadowSettings)}
 #: Splits that are given, and as what.
 _BY_HAND = {"manual": "inner view depths [m]", "percentages": "percents of the view range"}

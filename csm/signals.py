@@ -223,7 +223,7 @@ class Signals:
     origin_distance : float
         Of the camera from the scene's origin [m].
     orthographic : bool
-        Any camera.
+        Whether any camera of a path is.
     camera_moves, sun_moves : bool
         A path was given.
     front_matters : float

@@ -5,7 +5,6 @@ from functools import cached_property
 
 import numpy as np
 
-from .caster_sides import best_sides
 from .costs import CostModel
 from .settings import ShadowSettings, changed
 
@@ -22,7 +21,6 @@ __all__ = [
     "needed_bias",
     "quantum_16",
     "several",
-    "wanted_faces",
     "wanted_format",
     "wanted_size",
 ]
@@ -90,13 +88,6 @@ def wanted_format(at, map_size, filter_size=None):
     step = quantum_16(at)
     needed = needed_bias(at, map_size, filter_size).tolist()
     return ["d16" if step < bias else "d32f" for bias in needed]
-
-
-def wanted_faces(signals):
-    """Sides of triangles that need to cast."""
-    return best_sides(
-        signals.front_matters, signals.faces_matter, signals.back_gain, signals.lit_area
-    )
 
 
 def wanted_size(at, map_size=None):

@@ -214,14 +214,11 @@ def is_loaded(name):
 
 if sys.argv[1] == "osmesa":
     assert not is_loaded("libEGL.so")
-    egl = ctypes.CDLL("libEGL.so.1")
-    for name in ("GetPlatformDisplay", "CreateContext", "GetCurrentContext"):
-        getattr(egl, f"egl{name}").restype = ctypes.c_void_p
-    none, current = ctypes.c_void_p(), egl.eglGetCurrentContext
-    display = ctypes.c_void_p(egl.eglGetPlatformDisplay(0x31DD, None, None))  # surfaceless
-    assert egl.eglInitialize(display, None, None) and egl.eglBindAPI(0x30A2)
-    context = egl.eglCreateContext(display, none, none, (ctypes.c_int * 1)(0x3038))
-    assert egl.eglMakeCurrent(display, none, none, ctypes.c_void_p(context))
+    sys.path.append(sys.argv[2])
+    from test_backends import Egl
+    foreign = Egl()
+    foreign.bind(foreign.context)
+    context, current = foreign.context, foreign.library.eglGetCurrentContext
 else:
     assert not is_loaded("libOSMesa.so")
     osmesa = ctypes.CDLL("libOSMesa.so.8")
@@ -245,7 +242,7 @@ print("current")
 def test_a_library_that_comes_later_keeps_its_context(open_backends, backend):
     """What libraries there are is known from the first frame on, until one comes or goes."""
     need(open_backends, backend, "egl" if backend == "osmesa" else "osmesa")
-    result = run_python(LATE, backend)
+    result = run_python(LATE, backend, os.path.dirname(__file__))
     assert result.stdout.strip() == "current", result.stderr
 
 

@@ -43,12 +43,13 @@ static int count_loads(struct dl_phdr_info *info, size_t size, void *user) {
 /* Slots of functions of a library, if somebody has loaded it. */
 static void find(const char *library_name, const csm_library_function *functions, size_t count) {
     void *library = dlopen(library_name, RTLD_NOW | RTLD_NOLOAD);
-    for (size_t i = 0; library && i < count; i++) {
+    if (!library) {
+        return;
+    }
+    for (size_t i = 0; i < count; i++) {
         *functions[i].slot = dlsym(library, functions[i].name);
     }
-    if (library) {
-        dlclose(library); /* drops only the reference of this look-up */
-    }
+    dlclose(library); /* drops only the reference of this look-up */
 }
 
 static void find_all(loaded_functions *out) {
