@@ -15,7 +15,7 @@ from csm.search import NEARLY_FREE, NO_MATTER, Search
 from csm.settings import map_sizes
 from csm.signals import measure_signals
 from csm.spaces import light_gradients, transform_points
-from csm.verification import picture_error
+from csm.verification import everything_on, picture_error
 
 SIZE = (320, 180)
 SUN = csm.Sun((0.4, 1.0, 0.3))
@@ -305,13 +305,14 @@ def test_windows_leave_a_border_for_kernels(renderer):
 
 
 def test_the_knee_takes_what_is_nearly_free_and_no_effect_that_is_not_called_for(stairs):
-    scene, _, _, signals = stairs
+    scene, camera, sun, signals = stairs
     search, model = Search(signals, scene, NO_GOAL, 16384), CostModel()
     chosen = search.choose(model)
     every = search.candidates(model)
     knee = search._knee("hard", model)
     good = [one for one in every if knee.holds(one.expected)]
-    full = forecast_cost(search._everything_on("hard"), search.forecaster, model)
+    everything = everything_on(sun, camera=camera).replace(filter="hard")
+    full = forecast_cost(everything, search.forecaster, model)
     most = min(one.ms for one in good) + NEARLY_FREE * full
     free = [one for one in good if one.ms <= most]
     assert chosen.ms <= most
